@@ -1,0 +1,30 @@
+//! # Helmholtz: a renderer that follows light both ways
+//!
+//! Helmholtz reads Mitsuba scenes and plain meshes, answers ray queries with Intel Embree or,
+//! swapped at run time, with the pure-Rust `obvhs`, and solves light transport on that one
+//! abstraction. Start reading at [`integrators`]; everything an integrator needs lies below it.
+//!
+//! Data flows one way, from the top of this map to its bottom; nothing below knows what is above it.
+//!
+//! | module | what it holds |
+//! |---|---|
+//! | [`cli`] | one file per subcommand; all printing to people happens there |
+//! | [`render`] | the driver: passes, threads, progress, stop conditions, checkpoints |
+//! | [`integrators`] | one file per algorithm |
+//! | [`transport`] | what integrators share: BSDFs, emitters, camera importance, subpath walk, MIS |
+//! | [`film`] | accumulation, reconstruction filters, AOVs, EXR and PNG output |
+//! | [`sampling`] | sampler (per pixel, pass and dimension), warps, discrete distributions |
+//! | [`query`] | closest-hit and occlusion queries: Embree, obvhs |
+//! | [`scene`] | plain data: shapes, materials, emitters, camera; and the loaders |
+//!
+//! ## One pass is a function
+//!
+//! `pass(scene, integrator, seed, pass_index)` has no other input. Random numbers come from the
+//! seed, the pixel, the pass and the dimension, never from a thread, and the film adds in an
+//! arithmetic in which the order of addition does not matter. So an image is the same to the last
+//! bit for any number of threads, whether rendered in one go, resumed, or merged from parts.
+#![deny(unsafe_code)]
+
+pub mod query;
+pub mod sampling;
+pub mod scene;

@@ -1,0 +1,73 @@
+//! Ray queries: closest hit and occlusion, behind one trait with two backends.
+//!
+//! A backend knows shapes and returns identities. It does not know materials, normals or texture
+//! coordinates: those are rebuilt from the hit by [`SurfacePoint`], the same way for all backends.
+//! Integrators are generic over [`RayQuery`], so that a query costs no dynamic dispatch.
+
+pub mod analytic;
+
+use glam::Vec3;
+
+use crate::scene::{Aabb, Shape, SurfacePoint};
+
+/// A half-open segment of a line: points `o + t d` for `t_min < t < t_max`.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct Ray {
+    /// Origin.
+    pub o: Vec3,
+    /// Direction, unit length to within rounding.
+    pub d: Vec3,
+    /// Hits at this distance or nearer do not count; at least 0.
+    pub t_min: f32,
+    /// Hits at this distance or farther do not count; may be infinite.
+    pub t_max: f32,
+}
+
+impl Ray {
+    /// An unbounded ray.
+    #[inline]
+    pub fn new(o: Vec3, d: Vec3) -> Self {
+        Self { o, d, t_min: 0.0, t_max: f32::INFINITY }
+    }
+}
+
+/// The nearest intersection of a ray with the scene.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct Hit {
+    /// Index of the shape.
+    pub shape: u32,
+    /// Index of the triangle in its mesh; 0 for analytic shapes.
+    pub primitive: u32,
+    /// Barycentric coordinate of the triangle's second corner; 0 for analytic shapes.
+    pub u: f32,
+    /// Barycentric coordinate of the triangle's third corner; 0 for analytic shapes.
+    pub v: f32,
+    /// Distance along the ray.
+    pub t: f32,
+}
+
+impl Hit {
+    /// The surface point that was hit. `shapes` and `ray` are those of the query.
+    #[inline]
+    pub fn surface(&self, shapes: &[Shape], ray: &Ray) -> SurfacePoint {
+        SurfacePoint::from_hit(shapes, self.shape, self.primitive, self.u, self.v, ray.o, ray.d, self.t)
+    }
+}
+
+/// Answers ray queries over a fixed set of shapes. Queries may be made from any number of threads.
+pub trait RayQuery: Sync {
+    /// The nearest hit with `t_min < t < t_max`, if any. A ray with a NaN or infinite origin or direction hits nothing.
+    fn intersect(&self, ray: &Ray) -> Option<Hit>;
+
+    /// Whether anything is hit with `t_min < t < t_max`.
+    fn occluded(&self, ray: &Ray) -> bool;
+
+    /// Bounds of all shapes.
+    fn bounds(&self) -> Aabb;
+
+    /// Bytes held by the acceleration structure, without the shapes' own buffers.
+    fn memory(&self) -> usize;
+
+    /// Name of the backend and version of its library.
+    fn name(&self) -> String;
+}

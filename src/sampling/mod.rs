@@ -1,0 +1,7 @@
+//! Where random numbers come from and how they are shaped: sampler, warps, discrete distributions.
+
+pub mod discrete;
+pub mod sampler;
+pub mod warp;
+
+pub use sampler::Sampler;

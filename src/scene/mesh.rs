@@ -1,0 +1,153 @@
+//! Triangle meshes, laid out so that Embree can share the buffers.
+
+use glam::{Vec2, Vec3};
+use thiserror::Error;
+
+use super::Aabb;
+
+/// Why a mesh was refused.
+#[derive(Debug, Error, PartialEq)]
+pub enum MeshError {
+    /// A triangle names a vertex that is not there.
+    #[error("triangle {triangle} uses vertex {index}, but there are {vertices} vertices")]
+    IndexOutOfRange {
+        /// Which triangle.
+        triangle: usize,
+        /// The index it uses.
+        index: u32,
+        /// Number of vertices.
+        vertices: usize,
+    },
+    /// A coordinate is NaN, infinite or beyond what ray queries accept.
+    #[error("vertex {vertex} is at ({}, {}, {}): coordinates must be finite and below {limit:e} in magnitude", position.x, position.y, position.z, limit = TriangleMesh::COORDINATE_LIMIT)]
+    BadVertex {
+        /// Which vertex.
+        vertex: usize,
+        /// Where it is said to be.
+        position: Vec3,
+    },
+    /// Normals or texture coordinates are neither absent nor one per vertex.
+    #[error("{found} {what} for {vertices} vertices")]
+    AttributeCount {
+        /// `normals` or `texture coordinates`.
+        what: &'static str,
+        /// How many there are.
+        found: usize,
+        /// How many there should be.
+        vertices: usize,
+    },
+    /// More vertices or triangles than 32-bit indices can name.
+    #[error("{found} {what}: at most 2^31 - 1 are supported")]
+    TooLarge {
+        /// `vertices` or `triangles`.
+        what: &'static str,
+        /// How many there are.
+        found: usize,
+    },
+}
+
+/// Triangles with shared vertices in world space. Always valid: indices are in range and coordinates are finite.
+#[derive(Debug, Clone)]
+pub struct TriangleMesh {
+    /// One vertex more than there are: Embree reads 16 bytes from each 12-byte position, the last one included.
+    padded_positions: Vec<Vec3>,
+    triangles: Vec<[u32; 3]>,
+    normals: Vec<Vec3>,
+    uvs: Vec<Vec2>,
+    flip_normals: bool,
+}
+
+impl TriangleMesh {
+    /// Embree's bound on coordinates (`FLT_LARGE`), beyond which its results are undefined.
+    pub const COORDINATE_LIMIT: f32 = 1.844e18;
+
+    /// Checks and takes the buffers. `normals` (unit length or zero) and `uvs` hold one entry per vertex or none at all.
+    ///
+    /// # Errors
+    /// Any [`MeshError`]; see its variants.
+    pub fn new(
+        mut positions: Vec<Vec3>,
+        triangles: Vec<[u32; 3]>,
+        normals: Vec<Vec3>,
+        uvs: Vec<Vec2>,
+        flip_normals: bool,
+    ) -> Result<Self, MeshError> {
+        let vertices = positions.len();
+        for (what, found) in [("vertices", vertices), ("triangles", triangles.len())] {
+            if found >= i32::MAX as usize {
+                return Err(MeshError::TooLarge { what, found });
+            }
+        }
+        for (what, found) in [("normals", normals.len()), ("texture coordinates", uvs.len())] {
+            if found != 0 && found != vertices {
+                return Err(MeshError::AttributeCount { what, found, vertices });
+            }
+        }
+        for (vertex, &position) in positions.iter().enumerate() {
+            // Written so that NaN fails.
+            if !position.abs().cmplt(Vec3::splat(Self::COORDINATE_LIMIT)).all() {
+                return Err(MeshError::BadVertex { vertex, position });
+            }
+        }
+        for (triangle, t) in triangles.iter().enumerate() {
+            if let Some(&index) = t.iter().find(|&&i| i as usize >= vertices) {
+                return Err(MeshError::IndexOutOfRange { triangle, index, vertices });
+            }
+        }
+        positions.reserve_exact(1);
+        positions.push(Vec3::ZERO);
+        Ok(Self { padded_positions: positions, triangles, normals, uvs, flip_normals })
+    }
+
+    /// World positions, one per vertex.
+    #[inline]
+    pub fn positions(&self) -> &[Vec3] {
+        &self.padded_positions[..self.padded_positions.len() - 1]
+    }
+
+    /// Vertex indices, three per triangle, all in range.
+    #[inline]
+    pub fn triangles(&self) -> &[[u32; 3]] {
+        &self.triangles
+    }
+
+    /// Shading normals, one per vertex, or empty for a flat mesh.
+    #[inline]
+    pub fn normals(&self) -> &[Vec3] {
+        &self.normals
+    }
+
+    /// Texture coordinates, one per vertex, or empty.
+    #[inline]
+    pub fn uvs(&self) -> &[Vec2] {
+        &self.uvs
+    }
+
+    /// Whether normals are turned over; without it they point to the side from which a triangle's vertices run counter-clockwise.
+    #[inline]
+    pub fn flip_normals(&self) -> bool {
+        self.flip_normals
+    }
+
+    /// The three corners of a triangle.
+    #[inline]
+    pub fn corners(&self, triangle: u32) -> [Vec3; 3] {
+        self.triangles[triangle as usize].map(|i| self.padded_positions[i as usize])
+    }
+
+    /// World bounds of the vertices that triangles use.
+    pub fn bounds(&self) -> Aabb {
+        self.triangles
+            .iter()
+            .flatten()
+            .fold(Aabb::EMPTY, |b, &i| b.extend(self.padded_positions[i as usize]))
+    }
+
+    /// Bytes held by the buffers.
+    pub fn memory(&self) -> usize {
+        self.padded_positions.capacity() * size_of::<Vec3>()
+            + self.triangles.capacity() * size_of::<[u32; 3]>()
+            + self.normals.capacity() * size_of::<Vec3>()
+            + self.uvs.capacity() * size_of::<Vec2>()
+    }
+}

@@ -1,0 +1,86 @@
+//! Shapes: a geometry with a material and, perhaps, emission; and bounding boxes.
+
+use glam::Vec3;
+
+use super::{AnalyticShape, MaterialId, Rgb, TriangleMesh};
+
+/// The surface of a shape. This is the backend-neutral description that every ray-query backend is built from.
+#[derive(Debug, Clone)]
+pub enum Geometry {
+    /// Triangles.
+    Mesh(TriangleMesh),
+    /// A sphere, disk or cylinder.
+    Analytic(AnalyticShape),
+}
+
+impl Geometry {
+    /// Number of primitives: triangles of a mesh, 1 for an analytic shape.
+    pub fn primitive_count(&self) -> u32 {
+        match self {
+            Self::Mesh(m) => m.triangles().len() as u32,
+            Self::Analytic(_) => 1,
+        }
+    }
+
+    /// World bounds; empty for a mesh without triangles.
+    pub fn bounds(&self) -> Aabb {
+        match self {
+            Self::Mesh(m) => m.bounds(),
+            Self::Analytic(a) => a.bounds(),
+        }
+    }
+}
+
+/// A surface in the scene.
+#[derive(Debug, Clone)]
+pub struct Shape {
+    /// The file's `id`, or a name made from its plugin and position in the file.
+    pub name: String,
+    /// The surface.
+    pub geometry: Geometry,
+    /// What it is made of.
+    pub material: MaterialId,
+    /// Radiance emitted from the side that the normal points to (Mitsuba's `area` emitter).
+    pub emission: Option<Rgb>,
+}
+
+/// An axis-aligned box.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct Aabb {
+    /// Least corner.
+    pub min: Vec3,
+    /// Greatest corner.
+    pub max: Vec3,
+}
+
+impl Aabb {
+    /// Contains nothing; the neutral element of [`union`](Self::union).
+    pub const EMPTY: Self = Self { min: Vec3::INFINITY, max: Vec3::NEG_INFINITY };
+
+    /// Whether the box contains no point.
+    pub fn is_empty(&self) -> bool {
+        !self.min.cmple(self.max).all()
+    }
+
+    /// The least box around `self` and the point `p`.
+    #[must_use]
+    pub fn extend(self, p: Vec3) -> Self {
+        Self { min: self.min.min(p), max: self.max.max(p) }
+    }
+
+    /// The least box around both.
+    #[must_use]
+    pub fn union(self, other: Self) -> Self {
+        Self { min: self.min.min(other.min), max: self.max.max(other.max) }
+    }
+
+    /// Centre and radius of the sphere through the corners; radius 0 for an empty box.
+    pub fn bounding_sphere(&self) -> (Vec3, f32) {
+        if self.is_empty() {
+            return (Vec3::ZERO, 0.0);
+        }
+        // Halves first: the sum of two extreme coordinates could overflow.
+        let center = self.min * 0.5 + self.max * 0.5;
+        (center, (self.max - center).length())
+    }
+}

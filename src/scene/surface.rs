@@ -1,0 +1,108 @@
+//! The surface point behind a hit, rebuilt from the shape by one piece of code for all backends.
+
+use glam::{DVec3, Vec2, Vec3};
+use std::f64::consts::{PI, TAU};
+
+use super::{AnalyticKind, AnalyticShape, Geometry, Shape, TriangleMesh};
+
+/// A point on a shape, with what scattering and spawning rays need.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct SurfacePoint {
+    /// World position, rounded from f64.
+    pub p: Vec3,
+    /// How far along the normal a ray must start so that no backend's rounding makes it hit this primitive again.
+    pub p_err: f32,
+    /// Geometric normal, unit length, on the side of [`ns`](Self::ns).
+    pub ng: Vec3,
+    /// Shading normal, unit length; it says which side is outside.
+    pub ns: Vec3,
+    /// Texture coordinates.
+    pub uv: Vec2,
+    /// Index of the shape in the scene.
+    pub shape: u32,
+    /// Index of the primitive in the shape.
+    pub primitive: u32,
+}
+
+/// Error of a backend's plane test relative to the size of the numbers in it: differences of coordinates,
+/// a cross and a dot product, each rounded (Higham's gamma of 8 operations, times 2 for both ends of the segment).
+const PLANE_TEST_ERROR: f32 = 16.0 * (f32::EPSILON / 2.0);
+
+impl SurfacePoint {
+    /// The point with barycentric coordinates `u` (of the second corner) and `v` (of the third) on a triangle.
+    #[inline]
+    pub fn on_triangle(mesh: &TriangleMesh, shape: u32, triangle: u32, u: f32, v: f32) -> Self {
+        let indices = mesh.triangles()[triangle as usize].map(|i| i as usize);
+        let [a, b, c] = indices.map(|i| mesh.positions()[i]);
+        // In f64 the point is exact to the final rounding; u and v only move it within the plane.
+        let (u64, v64) = (f64::from(u), f64::from(v));
+        let (e1, e2) = (b.as_dvec3() - a.as_dvec3(), c.as_dvec3() - a.as_dvec3());
+        let p = (a.as_dvec3() + e1 * u64 + e2 * v64).as_vec3();
+        let ng = e1.cross(e2).as_vec3();
+        // Edges of 1e-20 square to f32 zero; normalise in f64 before rounding.
+        let mut ng = if ng.length_squared() > f32::MIN_POSITIVE { ng.normalize() } else { e1.cross(e2).normalize_or_zero().as_vec3() };
+        let w = 1.0 - u - v;
+        let mut ns = ng;
+        if !mesh.normals().is_empty() {
+            let [na, nb, nc] = indices.map(|i| mesh.normals()[i]);
+            // Normals that cancel or are zero leave the flat one.
+            ns = (na * w + nb * u + nc * v).try_normalize().unwrap_or(ng);
+            if ns.dot(ng) < 0.0 {
+                ng = -ng;
+            }
+        }
+        if mesh.flip_normals() {
+            (ng, ns) = (-ng, -ns);
+        }
+        let uv = if mesh.uvs().is_empty() {
+            Vec2::new(u, v)
+        } else {
+            let [ta, tb, tc] = indices.map(|i| mesh.uvs()[i]);
+            ta * w + tb * u + tc * v
+        };
+        let reach = (a - p).abs().max((b - p).abs()).max((c - p).abs());
+        let p_err = PLANE_TEST_ERROR * (reach + p.abs()).max_element();
+        Self { p, p_err, ng, ns, uv, shape, primitive: triangle }
+    }
+
+    /// The point of an analytic shape nearest to `near`, a point given in its unit space that is on it but for rounding.
+    #[inline]
+    pub fn on_analytic(analytic: &AnalyticShape, shape: u32, near: DVec3) -> Self {
+        let phi = |q: DVec3| (q.y.atan2(q.x) / TAU).rem_euclid(1.0);
+        let (q, n, uv) = match analytic.kind() {
+            AnalyticKind::Sphere => {
+                let q = near.normalize_or(DVec3::Z);
+                (q, q, (phi(q), q.z.clamp(-1.0, 1.0).acos() / PI))
+            }
+            AnalyticKind::Disk => {
+                let q = near.with_z(0.0);
+                (q, DVec3::Z, (q.x.hypot(q.y), phi(q)))
+            }
+            AnalyticKind::Cylinder => {
+                let n = near.with_z(0.0).normalize_or(DVec3::X);
+                let q = n.with_z(near.z.clamp(0.0, 1.0));
+                (q, n, (phi(q), q.z))
+            }
+        };
+        let p = analytic.to_world().transform_point3(q).as_vec3();
+        // Normals go by the inverse transpose.
+        let n = (analytic.to_object().matrix3.transpose() * n).normalize();
+        let ng = if analytic.flip_normals() { -n } else { n }.as_vec3();
+        // The test is done in f64; only the rounding of p itself, here and in its use, is left.
+        let p_err = 4.0 * f32::EPSILON * p.abs().max_element();
+        Self { p, p_err, ng, ns: ng, uv: Vec2::new(uv.0 as f32, uv.1 as f32), shape, primitive: 0 }
+    }
+
+    /// The surface point of a hit at distance `t` along the ray from `o` in direction `d`.
+    #[inline]
+    #[allow(clippy::too_many_arguments)]
+    pub fn from_hit(shapes: &[Shape], shape: u32, primitive: u32, u: f32, v: f32, o: Vec3, d: Vec3, t: f32) -> Self {
+        match &shapes[shape as usize].geometry {
+            Geometry::Mesh(mesh) => Self::on_triangle(mesh, shape, primitive, u, v),
+            Geometry::Analytic(analytic) => {
+                let world = o.as_dvec3() + d.as_dvec3() * f64::from(t);
+                Self::on_analytic(analytic, shape, analytic.to_object().transform_point3(world))
+            }
+        }
+    }
+}
