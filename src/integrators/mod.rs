@@ -1,0 +1,3 @@
+//! Light transport algorithms, one file each.
+
+pub mod backward;

@@ -1,0 +1,177 @@
+//! The camera as an emitter of importance: rays from it, and its response to light that arrives.
+//!
+//! Film positions are in pixels, (0, 0) being the upper left corner of the full film, y down. Importance is scaled
+//! *per pixel*: for radiance L arriving uniformly, the integral of We L cos over lens and directions, with a reconstruction filter
+//! that integrates to 1 over the film, is L. So a light path's contribution times the filter is what one pixel gets from it.
+
+use std::f32::consts::PI;
+
+use glam::{DVec2, Mat3, UVec2, Vec2, Vec3};
+
+use crate::query::Ray;
+use crate::sampling::warp::square_to_disc;
+use crate::scene::{Camera, FovAxis, Lens};
+
+/// A camera ready for use; see [`Camera`] for its meaning.
+#[derive(Debug, Clone)]
+pub struct CameraModel {
+    to_world: Mat3,
+    to_camera: Mat3,
+    /// World units per camera unit.
+    scale: f32,
+    position: Vec3,
+    /// Half extents of the film at distance 1.
+    half_extent: Vec2,
+    film_size: Vec2,
+    /// Area of a pixel at distance 1.
+    pixel_area: f32,
+    /// Lens radius in world units, 0 for a pinhole.
+    aperture_radius: f32,
+    /// In world units.
+    focus_distance: f32,
+    near_clip: f32,
+    far_clip: f32,
+}
+
+/// How the camera responds to light from a point.
+#[derive(Debug, Clone, Copy)]
+pub struct CameraConnection {
+    /// Point on the lens.
+    pub p: Vec3,
+    /// Unit direction from the lens to the point.
+    pub d: Vec3,
+    /// Where the point is seen on the film, in pixels.
+    pub film: Vec2,
+    /// Importance We of direction `d` at `p`, per pixel, for a lens point density of 1 (pinhole) or 1 / area (thin lens).
+    pub importance: f32,
+    /// Cosine between `d` and the viewing direction.
+    pub cos: f32,
+}
+
+impl CameraModel {
+    /// Prepares a camera for a film of the given full size.
+    pub fn new(camera: &Camera, film_size: UVec2) -> Self {
+        let size = film_size.as_dvec2();
+        let half_tan = (camera.fov.to_radians() * 0.5).tan();
+        let across = match camera.fov_axis {
+            FovAxis::X => size.x,
+            FovAxis::Y => size.y,
+            FovAxis::Diagonal => size.length(),
+            FovAxis::Smaller => size.min_element(),
+            FovAxis::Larger => size.max_element(),
+        };
+        let half_extent: DVec2 = size * (half_tan / across);
+        // A similarity: its columns have one length. Dividing by it leaves a rotation, perhaps with a reflection.
+        let matrix = camera.to_world.matrix3;
+        let scale = matrix.z_axis.length();
+        let rotation = (matrix * scale.recip()).as_mat3();
+        let (aperture_radius, focus_distance) = match camera.lens {
+            Lens::Pinhole => (0.0, 1.0),
+            Lens::Thin { aperture_radius, focus_distance } => (aperture_radius * scale, focus_distance * scale),
+        };
+        Self {
+            to_world: rotation,
+            to_camera: rotation.transpose(),
+            scale: scale as f32,
+            position: camera.to_world.translation.as_vec3(),
+            half_extent: half_extent.as_vec2(),
+            film_size: film_size.as_vec2(),
+            pixel_area: (4.0 * half_extent.x * half_extent.y / (size.x * size.y)) as f32,
+            aperture_radius: aperture_radius as f32,
+            focus_distance: focus_distance as f32,
+            near_clip: (camera.near_clip * scale) as f32,
+            far_clip: (camera.far_clip * scale) as f32,
+        }
+    }
+
+    /// Where the pinhole or the middle of the lens is.
+    pub fn position(&self) -> Vec3 {
+        self.position
+    }
+
+    /// World units per camera unit.
+    pub fn scale(&self) -> f32 {
+        self.scale
+    }
+
+    /// Whether the camera is a pinhole, which no light path can hit.
+    pub fn is_delta(&self) -> bool {
+        self.aperture_radius == 0.0
+    }
+
+    /// Area of the lens; 1 stands for the point of a pinhole, whose density is a delta.
+    pub fn lens_area(&self) -> f32 {
+        if self.is_delta() { 1.0 } else { PI * self.aperture_radius * self.aperture_radius }
+    }
+
+    /// Viewing direction, unit length.
+    pub fn forward(&self) -> Vec3 {
+        self.to_world.z_axis
+    }
+
+    fn lens_point(&self, u: Vec2) -> Vec2 {
+        if self.is_delta() { Vec2::ZERO } else { square_to_disc(u) * self.aperture_radius }
+    }
+
+    /// The ray through a film position, from a lens point chosen by `u`. Its weight is 1: the density of film position and lens
+    /// point is the camera's importance times cosine.
+    #[inline]
+    pub fn spawn_ray(&self, film: Vec2, u: Vec2) -> Ray {
+        let plane = (Vec2::ONE - 2.0 * film / self.film_size) * self.half_extent;
+        let lens = self.lens_point(u);
+        let focus = plane.extend(1.0) * self.focus_distance;
+        let d = if self.is_delta() { plane.extend(1.0) } else { focus - lens.extend(0.0) }.normalize();
+        Ray {
+            o: self.position + self.to_world * lens.extend(0.0),
+            d: (self.to_world * d).normalize(),
+            t_min: self.near_clip / d.z,
+            t_max: self.far_clip / d.z,
+        }
+    }
+
+    /// Film position and cosine of the ray that leaves lens point `p` (world) in direction `d`; `None` if it misses the film.
+    #[inline]
+    fn project(&self, p: Vec3, d: Vec3) -> Option<(Vec2, f32)> {
+        let local = self.to_camera * d;
+        if local.z <= 0.0 {
+            return None;
+        }
+        let mut plane = local.truncate() / local.z;
+        if !self.is_delta() {
+            let lens = (self.to_camera * (p - self.position)).truncate();
+            plane += lens / self.focus_distance;
+        }
+        let film = (Vec2::ONE - plane / self.half_extent) * 0.5 * self.film_size;
+        Some((film, local.z))
+    }
+
+    /// Importance per pixel of the ray that leaves lens point `p` in direction `d`, and where it crosses the film.
+    /// The film is unbounded here: reconstruction filters reach over its border, and the film cuts what it does not hold.
+    #[inline]
+    pub fn we(&self, p: Vec3, d: Vec3) -> Option<(f32, Vec2)> {
+        let (film, cos) = self.project(p, d)?;
+        let cos2 = cos * cos;
+        Some((1.0 / (self.pixel_area * self.lens_area() * cos2 * cos2), film))
+    }
+
+    /// Density per solid angle of direction `d` for one sample of one pixel, given lens point `p`.
+    #[inline]
+    pub fn pdf_we_w(&self, p: Vec3, d: Vec3) -> f32 {
+        self.project(p, d).map_or(0.0, |(_, cos)| 1.0 / (self.pixel_area * cos * cos * cos))
+    }
+
+    /// Connects a world point to a lens point chosen by `u`. `None` if the point is behind the lens or clipped.
+    /// The lens point has density 1 / [`lens_area`](Self::lens_area) (the delta of a pinhole counts as 1).
+    #[inline]
+    pub fn sample_wi(&self, reference: Vec3, u: Vec2) -> Option<CameraConnection> {
+        let p = self.position + self.to_world * self.lens_point(u).extend(0.0);
+        let to = reference - p;
+        let depth = to.dot(self.forward());
+        if !(depth > self.near_clip && depth < self.far_clip) {
+            return None;
+        }
+        let d = to.normalize();
+        let (importance, film) = self.we(p, d)?;
+        Some(CameraConnection { p, d, film, importance, cos: d.dot(self.forward()) })
+    }
+}

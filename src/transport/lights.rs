@@ -1,0 +1,560 @@
+//! Emitters, ready to be sampled: from a point that is to be lit (`sample_li`), or as the start of a light path (`sample_le`).
+//!
+//! Each emissive triangle, rectangle or analytic shape, each point light and the environment is one *light*, chosen with
+//! a probability proportional to its power. From a point, triangles, rectangles and spheres are sampled by solid angle where that
+//! is well conditioned and by area otherwise; which of the two is a function of light and point alone, so that
+//! [`Lights::pdf_li`] can tell the density of a light point that another technique found.
+
+use std::f32::consts::{FRAC_1_PI, PI};
+
+use glam::{DVec3, Vec2, Vec3};
+
+use super::BoundingSphere;
+use super::bsdf::Frame;
+use crate::query::Ray;
+use crate::sampling::discrete::AliasTable;
+use crate::sampling::spherical::{SphereCone, SphericalRectangle, SphericalTriangle};
+use crate::sampling::warp::{
+    UNIFORM_SPHERE_PDF, cosine_hemisphere_pdf, square_to_cosine_hemisphere, square_to_disc, square_to_sphere,
+    square_to_triangle,
+};
+use crate::scene::{
+    AnalyticKind, AnalyticShape, Emitter, Geometry, Rgb, Scene, Shape, SurfacePoint, TriangleMesh, luminance,
+};
+
+/// Index of a light; see the module's text for what counts as one.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub struct LightId(u32);
+
+/// In `Lights::primitive_lights` and `Lights::first_primitive`: not a light.
+const NONE: u32 = u32::MAX;
+
+#[derive(Debug, Clone, Copy)]
+enum Light {
+    Triangle { shape: u32, triangle: u32 },
+    /// Index into `Lights::rectangles`.
+    Rectangle(u32),
+    Analytic { shape: u32 },
+    Point { position: Vec3, intensity: Rgb },
+    Environment,
+}
+
+/// Two triangles of a mesh that together are a rectangle.
+#[derive(Debug, Clone, Copy)]
+struct Rectangle {
+    shape: u32,
+    triangles: [u32; 2],
+    corner: Vec3,
+    ex: Vec3,
+    ey: Vec3,
+    /// For each triangle, which of its corners have no part in the diagonal, lie at the end of `ex`, and of `ey`.
+    slots: [[usize; 3]; 2],
+}
+
+/// A direction towards a light, drawn for a point.
+#[derive(Debug, Clone, Copy)]
+pub struct LiSample {
+    /// Which light.
+    pub light: LightId,
+    /// Unit direction to the light.
+    pub wi: Vec3,
+    /// Radiance arriving if nothing is between; for a point light, intensity over squared distance.
+    pub radiance: Rgb,
+    /// Density per solid angle, the choice of the light included; for a delta light the probability of that choice alone.
+    pub pdf_w: f32,
+    /// Whether no other technique can find this direction.
+    pub is_delta: bool,
+    /// Tells by [`occluded`](crate::query::RayQuery::occluded) whether anything is between.
+    pub shadow_ray: Ray,
+}
+
+/// The start of a light path.
+#[derive(Debug, Clone, Copy)]
+pub struct LeSample {
+    /// Which light.
+    pub light: LightId,
+    /// The path's first ray.
+    pub ray: Ray,
+    /// Where it starts, for area lights.
+    pub point: Option<SurfacePoint>,
+    /// Emitted radiance; intensity for a point light.
+    pub radiance: Rgb,
+    /// Cosine between ray and normal; 1 where there is no surface.
+    pub cos: f32,
+    /// Density of the position per area (of the light, or of the disc that distant light comes through), the choice of the light
+    /// included. For a point light the probability of the choice alone.
+    pub pdf_position: f32,
+    /// Density of the direction per solid angle.
+    pub pdf_direction_w: f32,
+}
+
+/// The emitters of a scene.
+#[derive(Debug)]
+pub struct Lights<'s> {
+    shapes: &'s [Shape],
+    lights: Vec<Light>,
+    rectangles: Vec<Rectangle>,
+    /// `None` when nothing emits.
+    table: Option<AliasTable>,
+    /// For each shape, where its primitives begin in `primitive_lights`; `NONE` for shapes that do not emit.
+    first_primitive: Vec<u32>,
+    primitive_lights: Vec<u32>,
+    environment: Option<(LightId, Rgb)>,
+    bounds: BoundingSphere,
+    radiance_unit: f32,
+}
+
+impl<'s> Lights<'s> {
+    /// Collects the emitters of a scene. `bounds` surrounds its shapes and its camera.
+    pub fn new(scene: &'s Scene, bounds: BoundingSphere) -> Self {
+        let mut this = Self {
+            shapes: &scene.shapes,
+            lights: Vec::new(),
+            rectangles: Vec::new(),
+            table: None,
+            first_primitive: vec![NONE; scene.shapes.len()],
+            primitive_lights: Vec::new(),
+            environment: None,
+            bounds,
+            radiance_unit: 0.0,
+        };
+        for (index, shape) in scene.shapes.iter().enumerate() {
+            if shape.emission.is_some_and(|e| e.max_element() > 0.0) {
+                this.first_primitive[index] = this.primitive_lights.len() as u32;
+                this.add_area_lights(index as u32, &shape.geometry);
+            }
+        }
+        this.add_emitters(&scene.emitters);
+        let powers: Vec<f64> = this.lights.iter().map(|&l| this.power(l)).collect();
+        this.table = AliasTable::new(&powers);
+        this.radiance_unit = this.characteristic_radiance();
+        this
+    }
+
+    fn add_area_lights(&mut self, shape: u32, geometry: &Geometry) {
+        match geometry {
+            Geometry::Analytic(_) => {
+                self.primitive_lights.push(self.lights.len() as u32);
+                self.lights.push(Light::Analytic { shape });
+            }
+            Geometry::Mesh(mesh) => {
+                let count = mesh.triangles().len() as u32;
+                let mut triangle = 0;
+                while triangle < count {
+                    let light = self.lights.len() as u32;
+                    self.primitive_lights.push(light);
+                    if let Some(rectangle) = Rectangle::find(mesh, shape, triangle) {
+                        self.primitive_lights.push(light);
+                        self.lights.push(Light::Rectangle(self.rectangles.len() as u32));
+                        self.rectangles.push(rectangle);
+                        triangle += 2;
+                    } else {
+                        self.lights.push(Light::Triangle { shape, triangle });
+                        triangle += 1;
+                    }
+                }
+            }
+        }
+    }
+
+    fn add_emitters(&mut self, emitters: &[Emitter]) {
+        let mut environment = Rgb::ZERO;
+        for emitter in emitters {
+            match *emitter {
+                Emitter::Point { position, intensity } => self.lights.push(Light::Point { position, intensity }),
+                Emitter::Constant { radiance } => environment += radiance,
+            }
+        }
+        if environment.max_element() > 0.0 {
+            self.environment = Some((LightId(self.lights.len() as u32), environment));
+            self.lights.push(Light::Environment);
+        }
+    }
+
+    /// Emitted flux of a light, by luminance, in W.
+    fn power(&self, light: Light) -> f64 {
+        use std::f64::consts::PI;
+        let y = |c: Rgb| f64::from(luminance(c));
+        match light {
+            Light::Triangle { .. } | Light::Rectangle(_) | Light::Analytic { .. } => {
+                PI * self.area(light) * y(self.emission(light))
+            }
+            Light::Point { intensity, .. } => 4.0 * PI * y(intensity),
+            Light::Environment => {
+                let radius = f64::from(self.bounds.radius);
+                PI * (4.0 * PI * radius * radius) * y(self.emission(light))
+            }
+        }
+    }
+
+    fn emission(&self, light: Light) -> Rgb {
+        match light {
+            Light::Triangle { shape, .. } | Light::Analytic { shape } => self.shape_emission(shape),
+            Light::Rectangle(r) => self.shape_emission(self.rectangles[r as usize].shape),
+            Light::Point { intensity, .. } => intensity,
+            Light::Environment => self.environment.map_or(Rgb::ZERO, |(_, radiance)| radiance),
+        }
+    }
+
+    fn shape_emission(&self, shape: u32) -> Rgb {
+        self.shapes[shape as usize].emission.unwrap_or(Rgb::ZERO)
+    }
+
+    fn mesh(&self, shape: u32) -> Option<&'s TriangleMesh> {
+        match &self.shapes[shape as usize].geometry {
+            Geometry::Mesh(mesh) => Some(mesh),
+            Geometry::Analytic(_) => None,
+        }
+    }
+
+    fn analytic(&self, shape: u32) -> Option<&'s AnalyticShape> {
+        match &self.shapes[shape as usize].geometry {
+            Geometry::Analytic(analytic) => Some(analytic),
+            Geometry::Mesh(_) => None,
+        }
+    }
+
+    /// World area of an area light, in f64: the squares of tiny edges vanish in f32.
+    fn area(&self, light: Light) -> f64 {
+        match light {
+            Light::Triangle { shape, triangle } => self.mesh(shape).map_or(0.0, |mesh| {
+                let [a, b, c] = mesh.corners(triangle).map(|p| p.as_dvec3());
+                0.5 * (b - a).cross(c - a).length()
+            }),
+            Light::Rectangle(r) => {
+                let r = &self.rectangles[r as usize];
+                r.ex.as_dvec3().cross(r.ey.as_dvec3()).length()
+            }
+            Light::Analytic { shape } => self.analytic(shape).map_or(0.0, AnalyticShape::area),
+            Light::Point { .. } | Light::Environment => 0.0,
+        }
+    }
+
+    fn characteristic_radiance(&self) -> f32 {
+        let far2 = self.bounds.radius * self.bounds.radius;
+        self.lights.iter().fold(0.0, |unit: f32, &light| {
+            let brightest = self.emission(light).max_element();
+            let radiance = if matches!(light, Light::Point { .. }) { brightest / far2 } else { brightest };
+            unit.max(radiance)
+        })
+    }
+
+    /// A radiance that is typical of the scene's brightest parts: of the brightest area light or environment, or what a point light sends
+    /// across the scene. 0 if nothing emits. Scales with emission, which makes it a unit for sums.
+    pub fn radiance_unit(&self) -> f32 {
+        self.radiance_unit
+    }
+
+    /// Number of lights.
+    pub fn len(&self) -> usize {
+        self.lights.len()
+    }
+
+    /// Whether nothing emits.
+    pub fn is_empty(&self) -> bool {
+        self.lights.is_empty()
+    }
+
+    /// The light that a surface point belongs to.
+    #[inline]
+    pub fn light_at(&self, point: &SurfacePoint) -> Option<LightId> {
+        let first = self.first_primitive[point.shape as usize];
+        (first != NONE).then(|| LightId(self.primitive_lights[(first + point.primitive) as usize]))
+    }
+
+    /// Radiance that a surface point emits in direction `wo`: from the side of its normal only.
+    #[inline]
+    pub fn le(&self, point: &SurfacePoint, wo: Vec3) -> Rgb {
+        match self.shapes[point.shape as usize].emission {
+            Some(radiance) if point.ng.dot(wo) > 0.0 => radiance,
+            _ => Rgb::ZERO,
+        }
+    }
+
+    /// Radiance of the environment, and its light.
+    #[inline]
+    pub fn environment(&self) -> Option<(LightId, Rgb)> {
+        self.environment
+    }
+
+    /// Chooses a light: the light and its probability. `None` if nothing emits.
+    #[inline]
+    fn choose(&self, u: f32) -> Option<(LightId, Light, f32)> {
+        let table = self.table.as_ref()?;
+        let index = table.sample(u);
+        Some((LightId(index as u32), self.lights[index], table.pdf(index)))
+    }
+
+    fn choice_pdf(&self, light: LightId) -> f32 {
+        self.table.as_ref().map_or(0.0, |t| t.pdf(light.0 as usize))
+    }
+
+    /// Draws a direction from a surface point to a light: `u[0]` chooses the light, `u[1..3]` the place on it.
+    /// `None` where the chosen light sends nothing this way.
+    #[inline]
+    pub fn sample_li(&self, from: &SurfacePoint, u: [f32; 3]) -> Option<LiSample> {
+        let (id, light, choice) = self.choose(u[0])?;
+        let uv = Vec2::new(u[1], u[2]);
+        match light {
+            Light::Point { position, intensity } => {
+                let shadow_ray = Ray::spawn_to_point(from, position)?;
+                let to = position - from.p;
+                Some(LiSample {
+                    light: id,
+                    wi: shadow_ray.d,
+                    radiance: intensity / to.length_squared(),
+                    pdf_w: choice,
+                    is_delta: true,
+                    shadow_ray,
+                })
+            }
+            Light::Environment => {
+                let wi = square_to_sphere(uv);
+                let radiance = self.emission(light);
+                let shadow_ray = Ray::spawn(from, wi);
+                let pdf_w = choice * UNIFORM_SPHERE_PDF;
+                Some(LiSample { light: id, wi, radiance, pdf_w, is_delta: false, shadow_ray })
+            }
+            Light::Triangle { .. } | Light::Rectangle(_) | Light::Analytic { .. } => {
+                let (point, pdf) = self.sample_area_light(light, from.p, uv)?;
+                let shadow_ray = Ray::spawn_between(from, &point)?;
+                let wi = shadow_ray.d;
+                let radiance = self.le(&point, -wi);
+                let pdf_w = choice * pdf.per_solid_angle(from.p, &point, wi);
+                (radiance != Rgb::ZERO && pdf_w > 0.0)
+                    .then_some(LiSample { light: id, wi, radiance, pdf_w, is_delta: false, shadow_ray })
+            }
+        }
+    }
+
+    fn sample_area_light(&self, light: Light, from: Vec3, u: Vec2) -> Option<(SurfacePoint, AreaPdf)> {
+        let by_area = |light| AreaPdf::Area((1.0 / self.area(light)) as f32);
+        match light {
+            Light::Triangle { shape, triangle } => {
+                let mesh = self.mesh(shape)?;
+                let (b, pdf) = match SphericalTriangle::new(mesh.corners(triangle), from) {
+                    Some(spherical) => (spherical.sample(u), AreaPdf::SolidAngle(1.0 / spherical.solid_angle())),
+                    None => (square_to_triangle(u), by_area(light)),
+                };
+                Some((SurfacePoint::on_triangle(mesh, shape, triangle, b.x, b.y), pdf))
+            }
+            Light::Rectangle(r) => {
+                let rectangle = &self.rectangles[r as usize];
+                let mesh = self.mesh(rectangle.shape)?;
+                let (st, pdf) = match SphericalRectangle::new(rectangle.corner, rectangle.ex, rectangle.ey, from) {
+                    Some(spherical) => (spherical.sample(u), AreaPdf::SolidAngle(1.0 / spherical.solid_angle())),
+                    None => (u, by_area(light)),
+                };
+                Some((rectangle.point(mesh, st), pdf))
+            }
+            Light::Analytic { shape } => {
+                let analytic = self.analytic(shape)?;
+                if let Some(cone) = sphere_cone(analytic, from) {
+                    let near = analytic.to_object().transform_point3(cone.sample(u));
+                    let point = SurfacePoint::on_analytic(analytic, shape, near);
+                    return Some((point, AreaPdf::SolidAngle(1.0 / cone.solid_angle())));
+                }
+                Some((point_on_analytic(analytic, shape, u), by_area(light)))
+            }
+            Light::Point { .. } | Light::Environment => None,
+        }
+    }
+
+    /// Density per solid angle with which [`sample_li`](Self::sample_li) draws, for the point `from`, the emissive point `on`
+    /// seen in direction `wi`; the choice of the light included.
+    #[inline]
+    pub fn pdf_li(&self, light: LightId, from: Vec3, on: &SurfacePoint, wi: Vec3) -> f32 {
+        let choice = self.choice_pdf(light);
+        let light = self.lights[light.0 as usize];
+        let solid_angle = match light {
+            Light::Triangle { shape, triangle } => self
+                .mesh(shape)
+                .and_then(|mesh| SphericalTriangle::new(mesh.corners(triangle), from))
+                .map(|spherical| spherical.solid_angle()),
+            Light::Rectangle(r) => {
+                let r = &self.rectangles[r as usize];
+                SphericalRectangle::new(r.corner, r.ex, r.ey, from).map(|spherical| spherical.solid_angle())
+            }
+            Light::Analytic { shape } => {
+                self.analytic(shape).and_then(|a| sphere_cone(a, from)).map(|cone| cone.solid_angle())
+            }
+            Light::Point { .. } | Light::Environment => return 0.0,
+        };
+        let pdf = match solid_angle {
+            Some(solid_angle) => AreaPdf::SolidAngle(1.0 / solid_angle),
+            None => AreaPdf::Area((1.0 / self.area(light)) as f32),
+        };
+        choice * pdf.per_solid_angle(from, on, wi)
+    }
+
+    /// Density per solid angle with which [`sample_li`](Self::sample_li) draws a direction to the environment.
+    #[inline]
+    pub fn pdf_environment(&self) -> f32 {
+        self.environment.map_or(0.0, |(light, _)| self.choice_pdf(light) * UNIFORM_SPHERE_PDF)
+    }
+
+    /// Starts a light path: `choice` chooses the light by power, then `position` and `direction` place and aim the ray.
+    #[inline]
+    pub fn sample_le(&self, choice: f32, position: Vec2, direction: Vec2) -> Option<LeSample> {
+        let (id, light, choice) = self.choose(choice)?;
+        match light {
+            Light::Point { position: p, intensity } => Some(LeSample {
+                light: id,
+                ray: Ray::new(p, square_to_sphere(direction)),
+                point: None,
+                radiance: intensity,
+                cos: 1.0,
+                pdf_position: choice,
+                pdf_direction_w: UNIFORM_SPHERE_PDF,
+            }),
+            Light::Environment => {
+                let d = square_to_sphere(direction);
+                let disc = square_to_disc(position) * self.bounds.radius;
+                let o = self.bounds.center + Frame::from_z(d).to_world(disc.extend(-self.bounds.radius));
+                Some(LeSample {
+                    light: id,
+                    ray: Ray::new(o, d),
+                    point: None,
+                    radiance: self.emission(light),
+                    cos: 1.0,
+                    pdf_position: choice * self.distant_position_pdf(),
+                    pdf_direction_w: UNIFORM_SPHERE_PDF,
+                })
+            }
+            Light::Triangle { .. } | Light::Rectangle(_) | Light::Analytic { .. } => {
+                let point = self.sample_area_light_uniformly(light, position)?;
+                let local = square_to_cosine_hemisphere(direction);
+                let d = Frame::from_z(point.ng).to_world(local);
+                Some(LeSample {
+                    light: id,
+                    ray: Ray::spawn(&point, d),
+                    point: Some(point),
+                    radiance: self.emission(light),
+                    cos: local.z,
+                    pdf_position: choice * (1.0 / self.area(light)) as f32,
+                    pdf_direction_w: cosine_hemisphere_pdf(local.z),
+                })
+            }
+        }
+    }
+
+    fn sample_area_light_uniformly(&self, light: Light, u: Vec2) -> Option<SurfacePoint> {
+        match light {
+            Light::Triangle { shape, triangle } => {
+                let b = square_to_triangle(u);
+                Some(SurfacePoint::on_triangle(self.mesh(shape)?, shape, triangle, b.x, b.y))
+            }
+            Light::Rectangle(r) => {
+                let rectangle = &self.rectangles[r as usize];
+                Some(rectangle.point(self.mesh(rectangle.shape)?, u))
+            }
+            Light::Analytic { shape } => Some(point_on_analytic(self.analytic(shape)?, shape, u)),
+            Light::Point { .. } | Light::Environment => None,
+        }
+    }
+
+    fn distant_position_pdf(&self) -> f32 {
+        FRAC_1_PI / (self.bounds.radius * self.bounds.radius)
+    }
+
+    /// The densities of [`sample_le`](Self::sample_le), position then direction, for a path that leaves `light` in direction `d`.
+    /// `ng` is the normal where it leaves an area light.
+    #[inline]
+    pub fn pdf_le(&self, light: LightId, ng: Option<Vec3>, d: Vec3) -> (f32, f32) {
+        let choice = self.choice_pdf(light);
+        let light = self.lights[light.0 as usize];
+        match (light, ng) {
+            (Light::Point { .. }, _) => (choice, UNIFORM_SPHERE_PDF),
+            (Light::Environment, _) => (choice * self.distant_position_pdf(), UNIFORM_SPHERE_PDF),
+            (_, Some(ng)) => (choice * (1.0 / self.area(light)) as f32, cosine_hemisphere_pdf(ng.dot(d))),
+            (_, None) => (0.0, 0.0),
+        }
+    }
+}
+
+/// The density of a point on an area light, in the measure it was drawn in.
+#[derive(Debug, Clone, Copy)]
+enum AreaPdf {
+    Area(f32),
+    SolidAngle(f32),
+}
+
+impl AreaPdf {
+    #[inline]
+    fn per_solid_angle(self, from: Vec3, on: &SurfacePoint, wi: Vec3) -> f32 {
+        match self {
+            Self::SolidAngle(pdf) => pdf,
+            Self::Area(pdf) => {
+                let cos = on.ng.dot(wi).abs();
+                // Grouped so that a tiny area times a huge squared distance stays in range.
+                if cos > 0.0 { pdf * from.distance(on.p) * from.distance(on.p) / cos } else { 0.0 }
+            }
+        }
+    }
+}
+
+/// The cone of directions to a sphere, where it is seen from outside.
+fn sphere_cone(analytic: &AnalyticShape, from: Vec3) -> Option<SphereCone> {
+    if analytic.kind() != AnalyticKind::Sphere || analytic.flip_normals() {
+        return None;
+    }
+    let radius = analytic.to_world().matrix3.x_axis.length();
+    SphereCone::new(analytic.to_world().translation, radius, from)
+}
+
+/// Uniform by area.
+fn point_on_analytic(analytic: &AnalyticShape, shape: u32, u: Vec2) -> SurfacePoint {
+    let near: DVec3 = match analytic.kind() {
+        AnalyticKind::Sphere => square_to_sphere(u).as_dvec3(),
+        AnalyticKind::Disk => square_to_disc(u).extend(0.0).as_dvec3(),
+        AnalyticKind::Cylinder => {
+            let (sin, cos) = (2.0 * PI * u.x).sin_cos();
+            Vec3::new(cos, sin, u.y).as_dvec3()
+        }
+    };
+    SurfacePoint::on_analytic(analytic, shape, near)
+}
+
+impl Rectangle {
+    /// Whether `triangle` and the next one share a diagonal of a rectangle and face the same way.
+    fn find(mesh: &TriangleMesh, shape: u32, triangle: u32) -> Option<Self> {
+        // Relative error that f32 vertices have after a transform.
+        const TOLERANCE: f32 = 1e-5;
+        if triangle as usize + 1 >= mesh.triangles().len() {
+            return None;
+        }
+        let (a, b) = (mesh.corners(triangle), mesh.corners(triangle + 1));
+        let apex = (0..3).find(|&i| !b.contains(&a[i]))?;
+        let (at_ex, at_ey) = ((apex + 1) % 3, (apex + 2) % 3);
+        let opposite = (0..3).find(|&i| !a.contains(&b[i]))?;
+        let slots_b = [opposite, b.iter().position(|&p| p == a[at_ex])?, b.iter().position(|&p| p == a[at_ey])?];
+        let (corner, ex, ey) = (a[apex], a[at_ex] - a[apex], a[at_ey] - a[apex]);
+        let size = ex.length() + ey.length();
+        let perpendicular = ex.dot(ey).abs() <= TOLERANCE * ex.length() * ey.length();
+        let closes = (corner + ex + ey).distance(b[opposite]) <= TOLERANCE * size;
+        // In the second triangle the diagonal is passed the other way round.
+        let same_side = (slots_b[0] + 1) % 3 == slots_b[2];
+        let proper = ex.length_squared() > 0.0 && ey.length_squared() > 0.0;
+        (perpendicular && closes && same_side && proper).then_some(Self {
+            shape,
+            triangles: [triangle, triangle + 1],
+            corner,
+            ex,
+            ey,
+            slots: [[apex, at_ex, at_ey], slots_b],
+        })
+    }
+
+    /// The point at `corner + st.x ex + st.y ey`.
+    #[inline]
+    fn point(&self, mesh: &TriangleMesh, st: Vec2) -> SurfacePoint {
+        let beyond = st.x + st.y > 1.0;
+        let weights = if beyond { [st.x + st.y - 1.0, 1.0 - st.y, 1.0 - st.x] } else { [1.0 - st.x - st.y, st.x, st.y] };
+        let half = usize::from(beyond);
+        let mut corner_weights = [0.0; 3];
+        for (slot, weight) in self.slots[half].into_iter().zip(weights) {
+            corner_weights[slot] = weight;
+        }
+        SurfacePoint::on_triangle(mesh, self.shape, self.triangles[half], corner_weights[1], corner_weights[2])
+    }
+}

@@ -1,0 +1,57 @@
+//! What integrators share: scattering, emission, camera importance, the subpath walk and MIS weights.
+//!
+//! Directions `wo` (towards where the path came from) and `wi` (where it goes on) point away from the surface.
+//! Densities are per area unless a name says `_w` (solid angle). Everything that scatters is told its
+//! [`TransportMode`](bsdf::TransportMode), because refraction and shading normals treat radiance and importance differently.
+//!
+//! Nothing here decides which paths are made: that is an integrator's whole business.
+
+pub mod bsdf;
+pub mod camera;
+pub mod lights;
+pub mod mis;
+pub mod vertex;
+pub mod walk;
+
+use glam::Vec3;
+
+use crate::scene::{Aabb, Scene};
+use camera::CameraModel;
+use lights::Lights;
+
+/// A scene with what light transport derives from it once: light distribution and camera.
+pub struct World<'s> {
+    /// What the file says.
+    pub scene: &'s Scene,
+    /// Emitters, ready to be sampled.
+    pub lights: Lights<'s>,
+    /// Camera, ready to be sampled.
+    pub camera: CameraModel,
+}
+
+impl<'s> World<'s> {
+    /// Prepares a scene.
+    pub fn new(scene: &'s Scene) -> Self {
+        let bounds = scene.shapes.iter().fold(Aabb::EMPTY, |b, s| b.union(s.geometry.bounds()));
+        let camera = CameraModel::new(&scene.camera, scene.film.size);
+        Self { scene, lights: Lights::new(scene, BoundingSphere::new(bounds, &camera)), camera }
+    }
+}
+
+/// A sphere around everything that light can reach and be seen from.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct BoundingSphere {
+    /// World position.
+    pub center: Vec3,
+    /// Positive, so that a scene without shapes has a finite flux from its environment.
+    pub radius: f32,
+}
+
+impl BoundingSphere {
+    fn new(shapes: Aabb, camera: &CameraModel) -> Self {
+        // The lens belongs to the scene: distant light must be able to hit it.
+        let (center, radius) = shapes.extend(camera.position()).bounding_sphere();
+        let margin = 1.0 + 1e-5;
+        Self { center, radius: if radius > 0.0 { radius * margin } else { 1.0 } }
+    }
+}

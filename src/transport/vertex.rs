@@ -1,0 +1,97 @@
+//! A vertex of a path on a surface: the surface point, its BSDF, and where the path came from.
+
+use glam::Vec3;
+
+use super::bsdf::{Bsdf, Frame, TransportMode};
+use crate::query::{Hit, Ray};
+use crate::scene::{Rgb, Scene, SurfacePoint};
+
+/// A surface vertex. Immutable once made.
+#[derive(Debug, Clone, Copy)]
+pub struct SurfaceVertex {
+    /// Where.
+    pub point: SurfacePoint,
+    /// Shading frame.
+    pub frame: Frame,
+    /// What it is made of there.
+    pub bsdf: Bsdf,
+    /// Unit direction towards the vertex before, world space.
+    pub wo: Vec3,
+}
+
+/// A continuation of a path drawn from a vertex's BSDF.
+#[derive(Debug, Clone, Copy)]
+pub struct Scatter {
+    /// Unit direction in which the path goes on, world space.
+    pub wi: Vec3,
+    /// BSDF times cosine over density: the factor on the throughput.
+    pub weight: Rgb,
+    /// Density of `wi` per solid angle, or the probability of the delta lobe that was chosen.
+    pub pdf_w: f32,
+    /// Whether a delta lobe was chosen.
+    pub is_delta: bool,
+    /// Index of refraction of the side that `wi` goes to, over that of the side it came from.
+    pub eta: f32,
+}
+
+impl SurfaceVertex {
+    /// The vertex where `ray` hits a surface.
+    #[inline]
+    pub fn new(scene: &Scene, hit: &Hit, ray: &Ray) -> Self {
+        let point = hit.surface(&scene.shapes, ray);
+        let material = scene.shapes[hit.shape as usize].material;
+        let bsdf = Bsdf::new(&scene.materials, material, &point);
+        Self { point, frame: Frame::from_z(point.ns), bsdf, wo: -ray.d }
+    }
+
+    /// Whether `wi` is on the same side of the geometric and of the shading surface. Where it is not, light would
+    /// leak through the surface; such directions scatter nothing (Veach 1997, section 5.3).
+    #[inline]
+    fn sides_agree(&self, w: Vec3, local: Vec3) -> bool {
+        self.point.ng.dot(w) * local.z > 0.0
+    }
+
+    /// BSDF times cosine for the path that goes on in direction `wi`, world space. When importance is carried by light's own direction
+    /// of travel ([`TransportMode::Importance`]), the cosine is corrected for shading normals (Veach 1997, eq. 5.19).
+    #[inline]
+    pub fn eval(&self, wi: Vec3, mode: TransportMode) -> Rgb {
+        let (wo_local, wi_local) = (self.frame.to_local(self.wo), self.frame.to_local(wi));
+        if !self.sides_agree(wi, wi_local) || !self.sides_agree(self.wo, wo_local) {
+            return Rgb::ZERO;
+        }
+        let cos = wi_local.z.abs() * self.correction(wi, wo_local, wi_local, mode);
+        self.bsdf.eval(wo_local, wi_local, mode) * cos
+    }
+
+    /// Density per solid angle with which [`scatter`](Self::scatter) draws `wi`; without delta lobes.
+    #[inline]
+    pub fn pdf_w(&self, wi: Vec3, mode: TransportMode) -> f32 {
+        self.bsdf.pdf(self.frame.to_local(self.wo), self.frame.to_local(wi), mode)
+    }
+
+    /// Draws a direction in which the path goes on. `None` where it ends.
+    #[inline]
+    pub fn scatter(&self, u: [f32; 3], mode: TransportMode) -> Option<Scatter> {
+        let wo_local = self.frame.to_local(self.wo);
+        if !self.sides_agree(self.wo, wo_local) {
+            return None;
+        }
+        let sample = self.bsdf.sample(wo_local, u, mode)?;
+        let wi = self.frame.to_world(sample.wi);
+        if !self.sides_agree(wi, sample.wi) {
+            return None;
+        }
+        let weight = sample.weight * self.correction(wi, wo_local, sample.wi, mode);
+        Some(Scatter { wi, weight, pdf_w: sample.pdf, is_delta: sample.is_delta, eta: sample.eta })
+    }
+
+    /// What the adjoint of a BSDF with a shading normal has over the BSDF itself; 1 for radiance and on flat surfaces.
+    #[inline]
+    fn correction(&self, wi: Vec3, wo_local: Vec3, wi_local: Vec3, mode: TransportMode) -> f32 {
+        if mode == TransportMode::Radiance || self.point.ng == self.point.ns {
+            return 1.0;
+        }
+        let (wo_ng, wi_ng) = (self.wo.dot(self.point.ng), wi.dot(self.point.ng));
+        ((wo_local.z * wi_ng) / (wo_ng * wi_local.z)).abs()
+    }
+}
