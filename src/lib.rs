@@ -25,6 +25,8 @@
 //! bit for any number of threads, whether rendered in one go, resumed, or merged from parts.
 #![deny(unsafe_code)]
 
+pub mod integrators;
 pub mod query;
 pub mod sampling;
 pub mod scene;
+pub mod transport;

@@ -1,3 +1,74 @@
 //! Light transport algorithms, one file each.
+//!
+//! An integrator is a set of parameters with a function that makes samples; it owns no threads, no film and no
+//! random numbers. [`render`](crate::render) calls it.
 
 pub mod backward;
+mod observer;
+
+pub use observer::{PathObserver, Technique, Unobserved};
+
+use thiserror::Error;
+
+use backward::Backward;
+
+/// An integrator with its parameters.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub enum Integrator {
+    /// Paths from the camera.
+    Backward(Backward),
+}
+
+/// Why an integrator was refused.
+#[derive(Debug, Error, PartialEq)]
+pub enum IntegratorError {
+    /// There is none of that name.
+    #[error("integrator `{name}` is not known; there are: {}", Integrator::NAMES.join(", "))]
+    UnknownName {
+        /// The name asked for.
+        name: String,
+    },
+    /// It has no such parameter.
+    #[error("integrator `{integrator}` has no parameter `{parameter}`; it has: {known}")]
+    UnknownParameter {
+        /// The integrator.
+        integrator: &'static str,
+        /// The parameter asked for.
+        parameter: String,
+        /// Its parameters.
+        known: String,
+    },
+    /// A parameter has a value that it cannot have.
+    #[error("parameter `{parameter}` is `{value}`, but should be {expected}")]
+    BadValue {
+        /// The parameter.
+        parameter: &'static str,
+        /// Its value.
+        value: String,
+        /// What the value should be.
+        expected: &'static str,
+    },
+}
+
+impl Integrator {
+    /// Names that [`Integrator::new`] takes.
+    pub const NAMES: &'static [&'static str] = &["path", "backward"];
+
+    /// The integrator called `name` with parameters given as text; those not given have their defaults.
+    ///
+    /// # Errors
+    /// If the name, a parameter or a value is not known.
+    pub fn new(name: &str, parameters: &[(String, String)]) -> Result<Self, IntegratorError> {
+        match name {
+            "path" | "backward" => Ok(Self::Backward(Backward::from_parameters(parameters)?)),
+            _ => Err(IntegratorError::UnknownName { name: name.to_owned() }),
+        }
+    }
+
+    /// Name and parameters, in the form that the command line takes.
+    pub fn describe(&self) -> String {
+        match self {
+            Self::Backward(backward) => backward.describe(),
+        }
+    }
+}

@@ -1,0 +1,211 @@
+//! The backward path tracer (`path`): paths start at the camera and find the lights in two ways, by sampling them
+//! (next-event estimation) and by hitting them, joined by multiple importance sampling with the power heuristic
+//! (Veach 1997, chapter 9; Kajiya 1986).
+//!
+//! It cannot find light that reaches a diffuse surface through a delta lobe from a point light, and
+//! finds caustics from small lights only by luck.
+
+use super::{IntegratorError, PathObserver, Technique};
+use crate::query::{Ray, RayQuery};
+use crate::sampling::Sampler;
+use crate::scene::Rgb;
+use crate::transport::World;
+use crate::transport::bsdf::TransportMode;
+use crate::transport::mis::power_heuristic;
+use crate::transport::vertex::SurfaceVertex;
+use crate::transport::walk::Walk;
+
+/// Parameters, with Mitsuba's names, meaning and defaults.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub struct Backward {
+    /// Greatest number of segments of a path: 1 shows lights only, 2 direct light. `None`: no limit (`-1`).
+    pub max_depth: Option<u32>,
+    /// Number of segments after which Russian roulette begins; at least 1.
+    pub rr_depth: u32,
+    /// Camera rays pass through area lights and see no environment.
+    pub hide_emitters: bool,
+}
+
+impl Default for Backward {
+    fn default() -> Self {
+        Self { max_depth: None, rr_depth: 5, hide_emitters: false }
+    }
+}
+
+/// Dimension sets of the sampler: set 0 belongs to film and lens, then each vertex takes two.
+const LIGHT_SET: u32 = 1;
+const SCATTER_SET: u32 = 2;
+const SETS_PER_VERTEX: u32 = 2;
+
+impl Backward {
+    /// Reads parameters from text.
+    ///
+    /// # Errors
+    /// If a parameter is not known or its value is out of range.
+    pub fn from_parameters(parameters: &[(String, String)]) -> Result<Self, IntegratorError> {
+        let mut this = Self::default();
+        for (name, value) in parameters {
+            let bad = |parameter, expected| IntegratorError::BadValue { parameter, value: value.clone(), expected };
+            match name.as_str() {
+                "max_depth" => {
+                    let error = || bad("max_depth", "an integer of at least 0, or -1 for no limit");
+                    let depth: i64 = value.parse().map_err(|_| error())?;
+                    this.max_depth = match depth {
+                        -1 => None,
+                        _ => Some(u32::try_from(depth).map_err(|_| error())?),
+                    };
+                }
+                "rr_depth" => {
+                    let depth: u32 = value.parse().unwrap_or(0);
+                    this.rr_depth = if depth > 0 { depth } else { return Err(bad("rr_depth", "an integer of at least 1")) };
+                }
+                "hide_emitters" => {
+                    this.hide_emitters = value.parse().map_err(|_| bad("hide_emitters", "`true` or `false`"))?;
+                }
+                _ => {
+                    return Err(IntegratorError::UnknownParameter {
+                        integrator: "path",
+                        parameter: name.clone(),
+                        known: "max_depth, rr_depth, hide_emitters".to_owned(),
+                    });
+                }
+            }
+        }
+        Ok(this)
+    }
+
+    /// Name and parameters, in the form that the command line takes.
+    pub fn describe(&self) -> String {
+        let max_depth = self.max_depth.map_or(-1, i64::from);
+        format!("path:max_depth={max_depth},rr_depth={},hide_emitters={}", self.rr_depth, self.hide_emitters)
+    }
+
+    /// Radiance that arrives at the camera along `camera_ray`, and the number of rays that were traced for it.
+    pub fn radiance<Q: RayQuery, O: PathObserver>(
+        &self,
+        world: &World,
+        query: &Q,
+        camera_ray: Ray,
+        sampler: &Sampler,
+        observer: &mut O,
+    ) -> (Rgb, u32) {
+        let max_depth = self.max_depth.unwrap_or(u32::MAX);
+        let mut radiance = Rgb::ZERO;
+        let mut rays = 0;
+        let mut walk = Walk::new(TransportMode::Radiance, camera_ray, Rgb::ONE);
+        let mut previous: Option<SurfaceVertex> = None;
+        for depth in 1..=max_depth {
+            rays += 1;
+            let Some(vertex) = self.next_vertex(world, query, &mut walk, depth, observer) else {
+                if !(self.hide_emitters && depth == 1) {
+                    radiance += hit_environment(world, &walk, observer);
+                }
+                break;
+            };
+            radiance += hit_light(world, &walk, previous.as_ref(), &vertex, observer);
+            if depth == max_depth {
+                break;
+            }
+            let set = SETS_PER_VERTEX * (depth - 1);
+            if !vertex.bsdf.is_delta() {
+                let [choice, u, v, _] = sampler.block(set + LIGHT_SET);
+                let (light, traced) = sample_light(world, query, &walk, &vertex, [choice, u, v], observer);
+                radiance += light;
+                rays += traced;
+            }
+            let [lobe, u, v, roulette] = sampler.block(set + SCATTER_SET);
+            if !walk.scatter(&vertex, [lobe, u, v]) || (depth >= self.rr_depth && !walk.survives(roulette)) {
+                break;
+            }
+            previous = Some(vertex);
+        }
+        (radiance, rays)
+    }
+
+    /// The surface that the walk meets next. Camera rays pass through hidden lights.
+    #[inline]
+    fn next_vertex<Q: RayQuery, O: PathObserver>(
+        &self,
+        world: &World,
+        query: &Q,
+        walk: &mut Walk,
+        depth: u32,
+        observer: &mut O,
+    ) -> Option<SurfaceVertex> {
+        let hit = loop {
+            let hit = query.intersect(&walk.ray);
+            match hit {
+                Some(h) if self.hide_emitters && depth == 1 && world.scene.shapes[h.shape as usize].emission.is_some() => {
+                    walk.ray.t_min = h.t;
+                }
+                _ => break hit,
+            }
+        };
+        let vertex = hit.map(|hit| (SurfaceVertex::new(world.scene, &hit, &walk.ray), hit.t));
+        observer.segment(depth, &walk.ray, vertex.as_ref().map(|(v, t)| (v, *t)), walk.beta);
+        vertex.map(|(v, _)| v)
+    }
+}
+
+/// Light of the environment, for a walk that left the scene.
+#[inline]
+fn hit_environment<O: PathObserver>(world: &World, walk: &Walk, observer: &mut O) -> Rgb {
+    let Some((_, emitted)) = world.lights.environment() else { return Rgb::ZERO };
+    let weight = if walk.is_delta { 1.0 } else { power_heuristic(walk.pdf_w, world.lights.pdf_environment()) };
+    let value = walk.beta * emitted * weight;
+    observer.contribution(Technique::HitEnvironment, value, weight);
+    value
+}
+
+/// Light that the vertex itself emits towards the vertex before.
+#[inline]
+fn hit_light<O: PathObserver>(
+    world: &World,
+    walk: &Walk,
+    previous: Option<&SurfaceVertex>,
+    vertex: &SurfaceVertex,
+    observer: &mut O,
+) -> Rgb {
+    let Some(light) = world.lights.light_at(&vertex.point) else { return Rgb::ZERO };
+    let emitted = world.lights.le(&vertex.point, vertex.wo);
+    if emitted == Rgb::ZERO {
+        return Rgb::ZERO;
+    }
+    let weight = match previous {
+        Some(from) if !walk.is_delta => {
+            power_heuristic(walk.pdf_w, world.lights.pdf_li(light, from.point.p, &vertex.point, walk.ray.d))
+        }
+        _ => 1.0,
+    };
+    let value = walk.beta * emitted * weight;
+    observer.contribution(Technique::HitLight, value, weight);
+    value
+}
+
+/// Light from a light chosen and sampled for this vertex, and the number of rays that were traced.
+#[inline]
+fn sample_light<Q: RayQuery, O: PathObserver>(
+    world: &World,
+    query: &Q,
+    walk: &Walk,
+    vertex: &SurfaceVertex,
+    u: [f32; 3],
+    observer: &mut O,
+) -> (Rgb, u32) {
+    let Some(light) = world.lights.sample_li(&vertex.point, u) else { return (Rgb::ZERO, 0) };
+    let scattered = vertex.eval(light.wi, TransportMode::Radiance);
+    if scattered == Rgb::ZERO {
+        return (Rgb::ZERO, 0);
+    }
+    if query.occluded(&light.shadow_ray) {
+        return (Rgb::ZERO, 1);
+    }
+    let weight = if light.is_delta {
+        1.0
+    } else {
+        power_heuristic(light.pdf_w, vertex.pdf_w(light.wi, TransportMode::Radiance))
+    };
+    let value = walk.beta * scattered * light.radiance * (weight / light.pdf_w);
+    observer.contribution(Technique::SampledLight, value, weight);
+    (value, 1)
+}
