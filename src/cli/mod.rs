@@ -1,0 +1,55 @@
+//! The command line: one file per subcommand. All printing to people happens here.
+
+mod debug_pixel;
+mod merge;
+mod output;
+mod parse;
+mod progress;
+mod render;
+
+use std::process::ExitCode;
+
+use clap::{Parser, Subcommand};
+
+/// Exit code for an image that was finished, or a question that was answered.
+pub const EXIT_DONE: u8 = 0;
+/// Exit code for an error: a scene that does not load, a file that cannot be written. A message says which.
+pub const EXIT_ERROR: u8 = 1;
+/// Exit code for a render that was interrupted by Ctrl-C and saved what it had.
+pub const EXIT_INTERRUPTED: u8 = 130;
+
+/// A renderer that follows light both ways.
+///
+/// Reads Mitsuba scenes (.xml) and plain meshes (.obj, .ply); writes OpenEXR and PNG.
+///
+/// Exit codes: 0 done; 1 error; 2 wrong usage; 130 interrupted by Ctrl-C after saving.
+#[derive(Debug, Parser)]
+#[command(version, max_term_width = 100)]
+pub struct Cli {
+    #[command(subcommand)]
+    command: Command,
+}
+
+#[derive(Debug, Subcommand)]
+enum Command {
+    Render(render::RenderArgs),
+    Merge(merge::MergeArgs),
+}
+
+/// Runs a parsed command line and says how it went. Errors are printed to standard error.
+pub fn run(cli: Cli) -> ExitCode {
+    let result = match cli.command {
+        Command::Render(args) => render::run(&args),
+        Command::Merge(args) => merge::run(&args),
+    };
+    match result {
+        Ok(code) => ExitCode::from(code),
+        Err(error) => {
+            eprintln!("error: {error}");
+            ExitCode::from(EXIT_ERROR)
+        }
+    }
+}
+
+/// What a subcommand fails with: a message for a person, with everything that is needed to act on it.
+type CliError = Box<dyn std::error::Error>;

@@ -1,0 +1,74 @@
+//! Small scenes made in code, for tests with analytic answers.
+
+use glam::{DAffine3, DVec3, UVec2, UVec3, Vec3};
+use helmholtz::scene::{
+    AnalyticShape, Camera, Emitter, FilmSettings, Filter, FovAxis, Geometry, IntegratorSettings, Lens, Material,
+    MaterialId, PixelRect, Rgb, Scene, Shape, TriangleMesh,
+};
+
+/// A scene of 8x8 pixels without shapes, seen from the origin along +z.
+pub(crate) fn empty() -> Scene {
+    let size = UVec2::splat(8);
+    Scene {
+        shapes: Vec::new(),
+        materials: Vec::new(),
+        emitters: Vec::new(),
+        camera: Camera {
+            to_world: DAffine3::IDENTITY,
+            fov: 40.0,
+            fov_axis: FovAxis::X,
+            lens: Lens::Pinhole,
+            near_clip: 0.0,
+            far_clip: f64::INFINITY,
+        },
+        film: FilmSettings { size, crop: PixelRect { min: UVec2::ZERO, size }, filter: Filter::Box, half_float: false },
+        integrator: IntegratorSettings::default(),
+        sample_count: 1,
+    }
+}
+
+pub(crate) trait Build: Sized {
+    fn shape(self, geometry: Geometry, material: Material, emission: Option<Rgb>) -> Self;
+    fn emitter(self, emitter: Emitter) -> Self;
+}
+
+impl Build for Scene {
+    fn shape(mut self, geometry: Geometry, material: Material, emission: Option<Rgb>) -> Self {
+        let id = MaterialId(self.materials.len() as u32);
+        self.materials.push(material);
+        let name = format!("shape{}", self.shapes.len());
+        self.shapes.push(Shape { name, geometry, material: id, emission });
+        self
+    }
+
+    fn emitter(mut self, emitter: Emitter) -> Self {
+        self.emitters.push(emitter);
+        self
+    }
+}
+
+pub(crate) fn diffuse(albedo: f32) -> Material {
+    Material::Diffuse { reflectance: Rgb::splat(albedo) }
+}
+
+pub(crate) fn sphere(center: Vec3, radius: f32) -> Geometry {
+    Geometry::Analytic(AnalyticShape::sphere(center.as_dvec3(), f64::from(radius)).expect("a proper sphere"))
+}
+
+/// A sphere whose normal points inwards.
+pub(crate) fn hollow_sphere(center: Vec3, radius: f64) -> Geometry {
+    let to_world = DAffine3::from_scale_rotation_translation(DVec3::splat(radius), glam::DQuat::IDENTITY, center.as_dvec3());
+    let kind = helmholtz::scene::AnalyticKind::Sphere;
+    Geometry::Analytic(AnalyticShape::new(kind, to_world, true).expect("a proper sphere"))
+}
+
+/// The parallelogram `corner + s ex + t ey` as two triangles; the normal is `ex` cross `ey`.
+pub(crate) fn quad(corner: Vec3, ex: Vec3, ey: Vec3) -> Geometry {
+    let positions = vec![corner, corner + ex, corner + ex + ey, corner + ey];
+    mesh(positions, &[UVec3::new(0, 1, 2), UVec3::new(0, 2, 3)])
+}
+
+pub(crate) fn mesh(positions: Vec<Vec3>, triangles: &[UVec3]) -> Geometry {
+    let triangles = triangles.iter().map(UVec3::to_array).collect();
+    Geometry::Mesh(TriangleMesh::new(positions, triangles, Vec::new(), Vec::new(), false).expect("a valid mesh"))
+}
