@@ -28,3 +28,4 @@
 pub mod query;
 pub mod sampling;
 pub mod scene;
+pub mod transport;

@@ -1,0 +1,3 @@
+//! What integrators share: scattering at surfaces.
+
+pub mod bsdf;
