@@ -1,0 +1,265 @@
+//! How surfaces scatter light: materials prepared for one surface point.
+//!
+//! Directions are unit vectors in local coordinates (z = shading normal, see [`Frame`]) that point *away* from the surface:
+//! `wo` to where the path came from, `wi` to where it goes on. Meaning and conventions of the materials are those
+//! of Mitsuba 3's plugins of the same names. Directions here know only the shading normal; checks against the geometric
+//! normal and Veach's adjoint correction belong to the path vertex, not here.
+//!
+//! Rough materials use Smith's masking separably, `G = G1(wo) G1(wi)`, and scatter at most once. So they lose what
+//! in reality bounces on between the facets: little at roughness 0.1, more than a third of the light of a white metal at roughness 1.
+//!
+//! ```
+//! use glam::Vec3;
+//! use helmholtz::transport::bsdf::Frame;
+//!
+//! let frame = Frame::from_z(Vec3::new(0.0, 0.6, 0.8));
+//! assert!((frame.to_local(frame.z) - Vec3::Z).length() < 1e-6);
+//! ```
+
+mod conductor;
+mod dielectric;
+mod frame;
+pub mod fresnel;
+pub mod microfacet;
+
+pub use frame::Frame;
+
+use glam::{Vec2, Vec3};
+use std::f32::consts::FRAC_1_PI;
+
+use crate::sampling::warp::{cosine_hemisphere_pdf, square_to_cosine_hemisphere};
+use crate::scene::{Material, MaterialId, Rgb, SurfacePoint};
+use conductor::{Metal, RoughConductor};
+use dielectric::{Boundary, RoughDielectric};
+use microfacet::Microfacets;
+
+/// What flows along the path that is being extended.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub enum TransportMode {
+    /// The path started at the camera and gathers radiance.
+    Radiance,
+    /// The path started at a light and carries power, of which it delivers the part that the camera finds important.
+    Importance,
+}
+
+/// One way to go on from a surface.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct BsdfSample {
+    /// The direction drawn.
+    pub wi: Vec3,
+    /// `f |cos(wi)| / pdf`.
+    pub weight: Rgb,
+    /// Density per solid angle; for a delta lobe the probability that the lobe is chosen.
+    pub pdf: f32,
+    /// Whether the direction is one of finitely many. Such a vertex cannot be connected.
+    pub is_delta: bool,
+    /// Index of refraction on `wi`'s side over that on `wo`'s side; 1 for reflection.
+    pub eta: f32,
+}
+
+/// A material prepared for one surface point.
+///
+/// The two sides of a surface are prepared apart, each for a `wo` above it: two-sided materials, the two faces of
+/// a glass pane and the black back of a one-sided material then need no further distinction.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct Bsdf {
+    front: Lobe,
+    back: Lobe,
+}
+
+/// What a surface does with light on the side that the local z axis points to.
+#[derive(Debug, Clone, Copy, PartialEq)]
+enum Lobe {
+    Black,
+    Diffuse { reflectance: Rgb },
+    Conductor(Metal),
+    RoughConductor(RoughConductor),
+    Dielectric(Boundary),
+    RoughDielectric(RoughDielectric),
+}
+
+// Copied per path vertex.
+const _: () = assert!(size_of::<Bsdf>() <= 96);
+
+/// Least product of roughness and `|eta - 1|`: the width in radians of a refracted lobe that f32 directions still resolve.
+const MIN_REFRACTED_WIDTH: f32 = 1e-6;
+
+impl Bsdf {
+    /// Prepares a material. A [`Material::TwoSided`] shows the front of each of its materials; one that refers to a transmitting
+    /// material, to itself or to none is black (loaders refuse it).
+    ///
+    /// A rough boundary whose refracted lobe is too narrow for f32 (roughness times `|eta - 1|` below 1e-6) is prepared as
+    /// a smooth one, or at the least roughness that can be resolved.
+    #[inline]
+    pub fn new(materials: &[Material], id: MaterialId, _point: &SurfacePoint) -> Self {
+        match materials.get(id.0 as usize) {
+            Some(&Material::TwoSided { front, back }) => {
+                let front_lobe = Lobe::opaque(materials, front);
+                Self { front: front_lobe, back: if back == front { front_lobe } else { Lobe::opaque(materials, back) } }
+            }
+            Some(material) => {
+                let front = Lobe::new(material);
+                let back = match front {
+                    Lobe::Dielectric(boundary) => Lobe::Dielectric(boundary.turned_over()),
+                    Lobe::RoughDielectric(RoughDielectric { facets, boundary }) => {
+                        Lobe::RoughDielectric(RoughDielectric { facets, boundary: boundary.turned_over() })
+                    }
+                    _ => Lobe::Black,
+                };
+                Self { front, back }
+            }
+            None => Self { front: Lobe::Black, back: Lobe::Black },
+        }
+    }
+
+    /// Draws a direction for the path to go on; `u[0]` chooses the lobe, the others the direction, all in [0, 1).
+    /// `None` if the light is absorbed or `wo` is not usable.
+    #[inline]
+    pub fn sample(&self, wo: Vec3, u: [f32; 3], mode: TransportMode) -> Option<BsdfSample> {
+        let (lobe, wo, side) = self.facing(wo)?;
+        let sample = lobe.sample(wo, u, mode)?;
+        Some(BsdfSample { wi: sample.wi * side, ..sample })
+    }
+
+    /// The value `f(wo, wi)`, without the cosine; 0 for delta lobes.
+    ///
+    /// In mode `Radiance` light flows from `wi` to `wo`, in mode `Importance` from `wo` to `wi`:
+    /// `eval(wo, wi, Importance) == eval(wi, wo, Radiance)`.
+    #[inline]
+    pub fn eval(&self, wo: Vec3, wi: Vec3, mode: TransportMode) -> Rgb {
+        self.facing(wo).map_or(Rgb::ZERO, |(lobe, wo, side)| lobe.eval(wo, wi * side, mode))
+    }
+
+    /// Density per solid angle with which [`sample`](Self::sample) draws `wi`, without delta lobes. It integrates to the probability
+    /// that `sample` returns anything.
+    #[inline]
+    pub fn pdf(&self, wo: Vec3, wi: Vec3, _mode: TransportMode) -> f32 {
+        self.facing(wo).map_or(0.0, |(lobe, wo, side)| lobe.pdf(wo, wi * side))
+    }
+
+    /// Whether there are only delta lobes (or none at all), so that the vertex cannot be connected.
+    #[inline]
+    pub fn is_delta(&self) -> bool {
+        self.front.is_delta() && self.back.is_delta()
+    }
+
+    /// Reflectance and transmittance together, for the albedo AOV. Exact for smooth materials and the diffuse one (power, so
+    /// without the radiance's change by the index); rough ones answer as if they were smooth.
+    #[inline]
+    pub fn albedo(&self, wo: Vec3) -> Rgb {
+        self.facing(wo).map_or(Rgb::ZERO, |(lobe, wo, _)| lobe.albedo(wo))
+    }
+
+    /// The lobe on `wo`'s side, `wo` in its coordinates, and the factor that turns other directions over too.
+    #[inline]
+    fn facing(&self, wo: Vec3) -> Option<(&Lobe, Vec3, Vec3)> {
+        if wo.z > 0.0 {
+            Some((&self.front, wo, Vec3::ONE))
+        } else if wo.z < 0.0 {
+            let side = Vec3::new(1.0, 1.0, -1.0);
+            Some((&self.back, wo * side, side))
+        } else {
+            None
+        }
+    }
+}
+
+impl Lobe {
+    #[inline]
+    fn new(material: &Material) -> Self {
+        match *material {
+            Material::Diffuse { reflectance } => Self::Diffuse { reflectance },
+            Material::Conductor { eta, k, specular_reflectance: tint } => Self::Conductor(Metal { eta, k, tint }),
+            Material::RoughConductor { distribution, alpha, eta, k, specular_reflectance: tint } => {
+                let facets = Microfacets::new(distribution, alpha, 0.0);
+                Self::RoughConductor(RoughConductor { facets, metal: Metal { eta, k, tint } })
+            }
+            Material::Dielectric { eta, specular_reflectance: reflection, specular_transmittance: transmission } => {
+                Self::Dielectric(Boundary { eta, reflection, transmission })
+            }
+            Material::RoughDielectric {
+                distribution,
+                alpha,
+                eta,
+                specular_reflectance: reflection,
+                specular_transmittance: transmission,
+            } => {
+                let boundary = Boundary { eta, reflection, transmission };
+                let min_alpha = MIN_REFRACTED_WIDTH / (eta - 1.0).abs();
+                if alpha[0].max(alpha[1]) < min_alpha {
+                    return Self::Dielectric(boundary);
+                }
+                let facets = Microfacets::new(distribution, alpha, min_alpha);
+                Self::RoughDielectric(RoughDielectric { facets, boundary })
+            }
+            Material::TwoSided { .. } => Self::Black,
+        }
+    }
+
+    /// The front of a material inside a two-sided one.
+    #[inline]
+    fn opaque(materials: &[Material], id: MaterialId) -> Self {
+        match materials.get(id.0 as usize).map_or(Self::Black, Self::new) {
+            Self::Dielectric(_) | Self::RoughDielectric(_) => Self::Black,
+            lobe => lobe,
+        }
+    }
+
+    #[inline]
+    fn sample(&self, wo: Vec3, [u, u1, u2]: [f32; 3], mode: TransportMode) -> Option<BsdfSample> {
+        let u_direction = Vec2::new(u1, u2);
+        match self {
+            Self::Black => None,
+            Self::Diffuse { reflectance } => {
+                let wi = square_to_cosine_hemisphere(u_direction);
+                let pdf = cosine_hemisphere_pdf(wi.z);
+                Some(BsdfSample { wi, weight: *reflectance, pdf, is_delta: false, eta: 1.0 })
+            }
+            Self::Conductor(metal) => Some(metal.sample_mirror(wo)),
+            Self::RoughConductor(rough) => rough.sample(wo, u_direction),
+            Self::Dielectric(boundary) => Some(boundary.sample_smooth(wo, u, mode)),
+            Self::RoughDielectric(rough) => rough.sample(wo, u, u_direction, mode),
+        }
+    }
+
+    #[inline]
+    fn eval(&self, wo: Vec3, wi: Vec3, mode: TransportMode) -> Rgb {
+        match self {
+            Self::Diffuse { reflectance } if wi.z > 0.0 => *reflectance * FRAC_1_PI,
+            Self::RoughConductor(rough) => rough.eval(wo, wi),
+            Self::RoughDielectric(rough) => rough.eval(wo, wi, mode),
+            Self::Black | Self::Diffuse { .. } | Self::Conductor(_) | Self::Dielectric(_) => Rgb::ZERO,
+        }
+    }
+
+    #[inline]
+    fn pdf(&self, wo: Vec3, wi: Vec3) -> f32 {
+        match self {
+            Self::Black | Self::Conductor(_) | Self::Dielectric(_) => 0.0,
+            Self::Diffuse { .. } => cosine_hemisphere_pdf(wi.z),
+            Self::RoughConductor(rough) => rough.pdf(wo, wi),
+            Self::RoughDielectric(rough) => rough.pdf(wo, wi),
+        }
+    }
+
+    #[inline]
+    fn is_delta(&self) -> bool {
+        matches!(self, Self::Black | Self::Conductor(_) | Self::Dielectric(_))
+    }
+
+    #[inline]
+    fn albedo(&self, wo: Vec3) -> Rgb {
+        match self {
+            Self::Black => Rgb::ZERO,
+            Self::Diffuse { reflectance } => *reflectance,
+            Self::Conductor(metal) | Self::RoughConductor(RoughConductor { metal, .. }) => metal.reflectance(wo.z),
+            Self::Dielectric(boundary) | Self::RoughDielectric(RoughDielectric { boundary, .. }) => boundary.albedo(wo),
+        }
+    }
+}
+
+/// Mirrors `wo` at a microfacet normal `m`, given `cos_om = wo . m`.
+#[inline]
+fn reflect(wo: Vec3, m: Vec3, cos_om: f32) -> Vec3 {
+    2.0 * cos_om * m - wo
+}
