@@ -5,6 +5,8 @@
 //! Integrators are generic over [`RayQuery`], so that a query costs no dynamic dispatch.
 
 pub mod analytic;
+#[cfg(feature = "embree")]
+pub mod embree;
 
 use glam::Vec3;
 

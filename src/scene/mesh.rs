@@ -105,6 +105,12 @@ impl TriangleMesh {
         &self.padded_positions[..self.padded_positions.len() - 1]
     }
 
+    /// The positions and one vertex more, so that 16 bytes can be read from each of the positions.
+    #[cfg(feature = "embree")]
+    pub(crate) fn padded_positions(&self) -> &[Vec3] {
+        &self.padded_positions
+    }
+
     /// Vertex indices, three per triangle, all in range.
     #[inline]
     pub fn triangles(&self) -> &[[u32; 3]] {

@@ -1,0 +1,50 @@
+/* Sizes and offsets of the structs that cross the border, as a C compiler lays them out. The unit test in ffi.rs
+   compares them, in this order, with what Rust makes of bindgen's output. */
+#include <stddef.h>
+
+#include <embree4/rtcore.h>
+
+const size_t helmholtz_embree_layout[] = {
+    sizeof(struct RTCRay),
+    _Alignof(struct RTCRay),
+    offsetof(struct RTCRay, org_x),
+    offsetof(struct RTCRay, tnear),
+    offsetof(struct RTCRay, dir_x),
+    offsetof(struct RTCRay, time),
+    offsetof(struct RTCRay, tfar),
+    offsetof(struct RTCRay, mask),
+    offsetof(struct RTCRay, id),
+    offsetof(struct RTCRay, flags),
+    sizeof(struct RTCHit),
+    _Alignof(struct RTCHit),
+    offsetof(struct RTCHit, Ng_x),
+    offsetof(struct RTCHit, u),
+    offsetof(struct RTCHit, v),
+    offsetof(struct RTCHit, primID),
+    offsetof(struct RTCHit, geomID),
+    offsetof(struct RTCHit, instID),
+    sizeof(struct RTCRayHit),
+    _Alignof(struct RTCRayHit),
+    offsetof(struct RTCRayHit, ray),
+    offsetof(struct RTCRayHit, hit),
+    sizeof(struct RTCBounds),
+    _Alignof(struct RTCBounds),
+    offsetof(struct RTCBounds, lower_x),
+    offsetof(struct RTCBounds, upper_x),
+    sizeof(struct RTCBoundsFunctionArguments),
+    offsetof(struct RTCBoundsFunctionArguments, geometryUserPtr),
+    offsetof(struct RTCBoundsFunctionArguments, bounds_o),
+    sizeof(struct RTCIntersectFunctionNArguments),
+    offsetof(struct RTCIntersectFunctionNArguments, valid),
+    offsetof(struct RTCIntersectFunctionNArguments, geometryUserPtr),
+    offsetof(struct RTCIntersectFunctionNArguments, primID),
+    offsetof(struct RTCIntersectFunctionNArguments, rayhit),
+    offsetof(struct RTCIntersectFunctionNArguments, N),
+    offsetof(struct RTCIntersectFunctionNArguments, geomID),
+    sizeof(struct RTCOccludedFunctionNArguments),
+    offsetof(struct RTCOccludedFunctionNArguments, valid),
+    offsetof(struct RTCOccludedFunctionNArguments, geometryUserPtr),
+    offsetof(struct RTCOccludedFunctionNArguments, ray),
+    offsetof(struct RTCOccludedFunctionNArguments, N),
+};
+const size_t helmholtz_embree_layout_count = sizeof(helmholtz_embree_layout) / sizeof(helmholtz_embree_layout[0]);

@@ -1,0 +1,236 @@
+//! Ray queries by Intel Embree 4.
+//!
+//! [`EmbreeQuery`] is a safe wrapper around one committed Embree scene that borrows the shapes it was built from. The
+//! bindings are generated from the installed header; what is known about the library is in `vendor-notes/embree.md`.
+#![allow(unsafe_code)]
+
+mod device;
+mod ffi;
+mod geometry;
+
+use std::ptr;
+
+use glam::Vec3;
+use thiserror::Error;
+
+use super::{Hit, Ray, RayQuery};
+use crate::scene::{Aabb, Geometry, Shape, TriangleMesh};
+use device::Device;
+
+/// How much work Embree puts into its hierarchy.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
+pub enum BuildQuality {
+    /// Morton-code build: fastest to build, slowest to trace.
+    Low,
+    /// Binned surface-area heuristic; the same hierarchy for any number of threads.
+    #[default]
+    Medium,
+    /// With spatial splits. **Not deterministic** when built by several threads.
+    High,
+}
+
+/// How an [`EmbreeQuery`] is built. The defaults are measured: see `vendor-notes/embree.md`.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub struct EmbreeSettings {
+    /// Watertight triangle and box tests. On by default: without it rays slip through edges.
+    pub robust: bool,
+    /// Effort of the build; medium by default.
+    pub quality: BuildQuality,
+    /// Keep indices instead of copies of the vertices in the hierarchy: less memory, slower queries. Off by default.
+    pub compact: bool,
+    /// Build threads; 0, the default, is one per core.
+    pub threads: usize,
+}
+
+impl Default for EmbreeSettings {
+    fn default() -> Self {
+        Self { robust: true, quality: BuildQuality::default(), compact: false, threads: 0 }
+    }
+}
+
+/// Why Embree cannot be used.
+#[derive(Debug, Error, PartialEq, Eq)]
+pub enum EmbreeError {
+    /// The library that was loaded does not fit the header that this program was compiled with.
+    #[error(
+        "Embree {library} was loaded, but this program was compiled for Embree {header} or a later version with the same first number"
+    )]
+    Version {
+        /// Version of the library.
+        library: String,
+        /// Version of the header.
+        header: String,
+    },
+    /// The library was compiled without something that is needed.
+    #[error("the Embree library was compiled without {what}")]
+    BuiltWithout {
+        /// What is missing.
+        what: &'static str,
+    },
+    /// A shape is not finite or reaches beyond [`TriangleMesh::COORDINATE_LIMIT`].
+    #[error("shape {name} reaches beyond {limit:e}, the bound of Embree's coordinates", limit = TriangleMesh::COORDINATE_LIMIT)]
+    OutOfRange {
+        /// The shape's name.
+        name: String,
+    },
+    /// Embree reported an error.
+    #[error("{call} failed: {message}")]
+    Failed {
+        /// Which call, or the last of several.
+        call: &'static str,
+        /// Embree's description.
+        message: String,
+    },
+}
+
+/// Owns an `RTCScene`.
+struct Scene(ffi::RTCScene);
+
+impl Drop for Scene {
+    fn drop(&mut self) {
+        // SAFETY: this is the only reference to the scene that was made, and it is not used again.
+        unsafe { ffi::rtcReleaseScene(self.0) };
+    }
+}
+
+/// Shapes as a committed Embree scene. Geometry ids are indices of shapes.
+pub struct EmbreeQuery<'s> {
+    // Dropped in this order: the scene before its device, both before the borrow of the shapes ends.
+    scene: Scene,
+    device: Device,
+    shapes: &'s [Shape],
+    bounds: Aabb,
+}
+
+// SAFETY: Embree's handles belong to no thread. After the commit in `new` the scene is only read, by queries, which
+// Embree allows from any number of threads; the shapes behind its pointers are borrowed and never change.
+unsafe impl Send for EmbreeQuery<'_> {}
+// SAFETY: as for `Send`.
+unsafe impl Sync for EmbreeQuery<'_> {}
+
+impl<'s> EmbreeQuery<'s> {
+    /// Builds the hierarchy. Vertices and indices are shared with `shapes`, not copied.
+    ///
+    /// # Errors
+    /// If the library does not suit, a shape is out of range, or Embree fails, for instance for want of memory.
+    pub fn new(shapes: &'s [Shape], settings: EmbreeSettings) -> Result<Self, EmbreeError> {
+        let device = Device::new(settings.threads)?;
+        // SAFETY: the device is live.
+        let scene = Scene(unsafe { ffi::rtcNewScene(device.handle()) });
+        device.check("rtcNewScene")?;
+        for (id, shape) in shapes.iter().enumerate() {
+            check_range(shape)?;
+            // SAFETY: the shapes are borrowed for 's, which `EmbreeQuery` and with it the scene cannot outlive.
+            unsafe { geometry::attach(&device, &scene, id as u32, &shape.geometry)? };
+        }
+        let bounds = commit(&device, &scene, settings)?;
+        Ok(Self { scene, device, shapes, bounds })
+    }
+}
+
+/// Meshes are in range by construction; Embree would leave out an analytic shape that is not, without a word.
+fn check_range(shape: &Shape) -> Result<(), EmbreeError> {
+    let Geometry::Analytic(analytic) = &shape.geometry else { return Ok(()) };
+    let Aabb { min, max } = analytic.bounds();
+    // Written so that NaN fails.
+    if min.abs().max(max.abs()).cmplt(Vec3::splat(TriangleMesh::COORDINATE_LIMIT)).all() {
+        Ok(())
+    } else {
+        Err(EmbreeError::OutOfRange { name: shape.name.clone() })
+    }
+}
+
+/// Builds the hierarchy and returns the scene's bounds.
+fn commit(device: &Device, scene: &Scene, settings: EmbreeSettings) -> Result<Aabb, EmbreeError> {
+    let quality = match settings.quality {
+        BuildQuality::Low => ffi::RTC_BUILD_QUALITY_LOW,
+        BuildQuality::Medium => ffi::RTC_BUILD_QUALITY_MEDIUM,
+        BuildQuality::High => ffi::RTC_BUILD_QUALITY_HIGH,
+    };
+    let mut flags = ffi::RTC_SCENE_FLAG_NONE;
+    if settings.robust {
+        flags |= ffi::RTC_SCENE_FLAG_ROBUST;
+    }
+    if settings.compact {
+        flags |= ffi::RTC_SCENE_FLAG_COMPACT;
+    }
+    let mut bounds = ffi::RTCBounds::default();
+    // SAFETY: the scene is live and no query runs yet; `bounds` has the type's alignment of 16.
+    unsafe {
+        ffi::rtcSetSceneBuildQuality(scene.0, quality);
+        ffi::rtcSetSceneFlags(scene.0, flags);
+        ffi::rtcCommitScene(scene.0);
+        device.check("rtcCommitScene")?;
+        ffi::rtcGetSceneBounds(scene.0, &raw mut bounds);
+    }
+    device.check("rtcGetSceneBounds")?;
+    Ok(Aabb {
+        min: Vec3::new(bounds.lower_x, bounds.lower_y, bounds.lower_z),
+        max: Vec3::new(bounds.upper_x, bounds.upper_y, bounds.upper_z),
+    })
+}
+
+/// The ray for Embree, or `None` for one that hits nothing by definition: empty, NaN or infinite.
+///
+/// Embree's robust tests accept `tnear <= t <= tfar`, so the interval shrinks by one float at either end.
+#[inline]
+fn closed_interval(ray: &Ray) -> Option<ffi::RTCRay> {
+    // `max` drops a NaN; for `t_max` the comparison below does.
+    let tnear = ray.t_min.max(0.0).next_up();
+    let tfar = ray.t_max.next_down();
+    (tnear <= tfar && ray.o.is_finite() && ray.d.is_finite()).then_some(ffi::RTCRay {
+        org_x: ray.o.x,
+        org_y: ray.o.y,
+        org_z: ray.o.z,
+        tnear,
+        dir_x: ray.d.x,
+        dir_y: ray.d.y,
+        dir_z: ray.d.z,
+        time: 0.0,
+        tfar,
+        mask: u32::MAX,
+        id: 0,
+        flags: 0,
+    })
+}
+
+impl RayQuery for EmbreeQuery<'_> {
+    #[inline]
+    fn intersect(&self, ray: &Ray) -> Option<Hit> {
+        let ray = closed_interval(ray)?;
+        let hit = ffi::RTCHit { geomID: ffi::RTC_INVALID_GEOMETRY_ID, ..Default::default() };
+        let mut query = ffi::RTCRayHit { ray, hit };
+        // SAFETY: the scene is committed; `query` has the size and alignment of the header's struct.
+        unsafe { ffi::rtcIntersect1(self.scene.0, &raw mut query, ptr::null_mut()) };
+        if query.hit.geomID == ffi::RTC_INVALID_GEOMETRY_ID {
+            return None;
+        }
+        Some(Hit {
+            shape: query.hit.geomID,
+            primitive: query.hit.primID,
+            u: query.hit.u,
+            v: query.hit.v,
+            t: query.ray.tfar,
+        })
+    }
+
+    #[inline]
+    fn occluded(&self, ray: &Ray) -> bool {
+        let Some(mut query) = closed_interval(ray) else { return false };
+        // SAFETY: the scene is committed; `query` has the size and alignment of the header's struct.
+        unsafe { ffi::rtcOccluded1(self.scene.0, &raw mut query, ptr::null_mut()) };
+        query.tfar == f32::NEG_INFINITY
+    }
+
+    fn bounds(&self) -> Aabb {
+        self.bounds
+    }
+
+    fn memory(&self) -> usize {
+        self.device.memory()
+    }
+
+    fn name(&self) -> String {
+        format!("embree {}", self.device.version())
+    }
+}
