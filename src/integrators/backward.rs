@@ -45,7 +45,8 @@ impl Backward {
     pub fn from_parameters(parameters: &[(String, String)]) -> Result<Self, IntegratorError> {
         let mut this = Self::default();
         for (name, value) in parameters {
-            let bad = |parameter, expected| IntegratorError::BadValue { parameter, value: value.clone(), expected };
+            let bad =
+                |parameter, expected| IntegratorError::BadValue { parameter, value: value.clone(), expected };
             match name.as_str() {
                 "max_depth" => {
                     let error = || bad("max_depth", "an integer of at least 0, or -1 for no limit");
@@ -57,10 +58,15 @@ impl Backward {
                 }
                 "rr_depth" => {
                     let depth: u32 = value.parse().unwrap_or(0);
-                    this.rr_depth = if depth > 0 { depth } else { return Err(bad("rr_depth", "an integer of at least 1")) };
+                    this.rr_depth = if depth > 0 {
+                        depth
+                    } else {
+                        return Err(bad("rr_depth", "an integer of at least 1"));
+                    };
                 }
                 "hide_emitters" => {
-                    this.hide_emitters = value.parse().map_err(|_| bad("hide_emitters", "`true` or `false`"))?;
+                    this.hide_emitters =
+                        value.parse().map_err(|_| bad("hide_emitters", "`true` or `false`"))?;
                 }
                 _ => {
                     return Err(IntegratorError::UnknownParameter {
@@ -135,7 +141,11 @@ impl Backward {
         let hit = loop {
             let hit = query.intersect(&walk.ray);
             match hit {
-                Some(h) if self.hide_emitters && depth == 1 && world.scene.shapes[h.shape as usize].emission.is_some() => {
+                Some(h)
+                    if self.hide_emitters
+                        && depth == 1
+                        && world.scene.shapes[h.shape as usize].emission.is_some() =>
+                {
                     walk.ray.t_min = h.t;
                 }
                 _ => break hit,
@@ -151,7 +161,8 @@ impl Backward {
 #[inline]
 fn hit_environment<O: PathObserver>(world: &World, walk: &Walk, observer: &mut O) -> Rgb {
     let Some((_, emitted)) = world.lights.environment() else { return Rgb::ZERO };
-    let weight = if walk.is_delta { 1.0 } else { power_heuristic(walk.pdf_w, world.lights.pdf_environment()) };
+    let weight =
+        if walk.is_delta { 1.0 } else { power_heuristic(walk.pdf_w, world.lights.pdf_environment()) };
     let value = walk.beta * emitted * weight;
     observer.contribution(Technique::HitEnvironment, value, weight);
     value

@@ -67,7 +67,9 @@ impl CameraModel {
         let rotation = (matrix * scale.recip()).as_mat3();
         let (aperture_radius, focus_distance) = match camera.lens {
             Lens::Pinhole => (0.0, 1.0),
-            Lens::Thin { aperture_radius, focus_distance } => (aperture_radius * scale, focus_distance * scale),
+            Lens::Thin { aperture_radius, focus_distance } => {
+                (aperture_radius * scale, focus_distance * scale)
+            }
         };
         Self {
             to_world: rotation,

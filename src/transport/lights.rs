@@ -31,11 +31,19 @@ const NONE: u32 = u32::MAX;
 
 #[derive(Debug, Clone, Copy)]
 enum Light {
-    Triangle { shape: u32, triangle: u32 },
+    Triangle {
+        shape: u32,
+        triangle: u32,
+    },
     /// Index into `Lights::rectangles`.
     Rectangle(u32),
-    Analytic { shape: u32 },
-    Point { position: Vec3, intensity: Rgb },
+    Analytic {
+        shape: u32,
+    },
+    Point {
+        position: Vec3,
+        intensity: Rgb,
+    },
     Environment,
 }
 
@@ -161,7 +169,9 @@ impl<'s> Lights<'s> {
         let mut environment = Rgb::ZERO;
         for emitter in emitters {
             match *emitter {
-                Emitter::Point { position, intensity } => self.lights.push(Light::Point { position, intensity }),
+                Emitter::Point { position, intensity } => {
+                    self.lights.push(Light::Point { position, intensity })
+                }
                 Emitter::Constant { radiance } => environment += radiance,
             }
         }
@@ -321,8 +331,14 @@ impl<'s> Lights<'s> {
                 let wi = shadow_ray.d;
                 let radiance = self.le(&point, -wi);
                 let pdf_w = choice * pdf.per_solid_angle(from.p, &point, wi);
-                (radiance != Rgb::ZERO && pdf_w > 0.0)
-                    .then_some(LiSample { light: id, wi, radiance, pdf_w, is_delta: false, shadow_ray })
+                (radiance != Rgb::ZERO && pdf_w > 0.0).then_some(LiSample {
+                    light: id,
+                    wi,
+                    radiance,
+                    pdf_w,
+                    is_delta: false,
+                    shadow_ray,
+                })
             }
         }
     }
@@ -333,7 +349,9 @@ impl<'s> Lights<'s> {
             Light::Triangle { shape, triangle } => {
                 let mesh = self.mesh(shape)?;
                 let (b, pdf) = match SphericalTriangle::new(mesh.corners(triangle), from) {
-                    Some(spherical) => (spherical.sample(u), AreaPdf::SolidAngle(1.0 / spherical.solid_angle())),
+                    Some(spherical) => {
+                        (spherical.sample(u), AreaPdf::SolidAngle(1.0 / spherical.solid_angle()))
+                    }
                     None => (square_to_triangle(u), by_area(light)),
                 };
                 Some((SurfacePoint::on_triangle(mesh, shape, triangle, b.x, b.y), pdf))
@@ -341,10 +359,13 @@ impl<'s> Lights<'s> {
             Light::Rectangle(r) => {
                 let rectangle = &self.rectangles[r as usize];
                 let mesh = self.mesh(rectangle.shape)?;
-                let (st, pdf) = match SphericalRectangle::new(rectangle.corner, rectangle.ex, rectangle.ey, from) {
-                    Some(spherical) => (spherical.sample(u), AreaPdf::SolidAngle(1.0 / spherical.solid_angle())),
-                    None => (u, by_area(light)),
-                };
+                let (st, pdf) =
+                    match SphericalRectangle::new(rectangle.corner, rectangle.ex, rectangle.ey, from) {
+                        Some(spherical) => {
+                            (spherical.sample(u), AreaPdf::SolidAngle(1.0 / spherical.solid_angle()))
+                        }
+                        None => (u, by_area(light)),
+                    };
                 Some((rectangle.point(mesh, st), pdf))
             }
             Light::Analytic { shape } => {
@@ -527,7 +548,8 @@ impl Rectangle {
         let apex = (0..3).find(|&i| !b.contains(&a[i]))?;
         let (at_ex, at_ey) = ((apex + 1) % 3, (apex + 2) % 3);
         let opposite = (0..3).find(|&i| !a.contains(&b[i]))?;
-        let slots_b = [opposite, b.iter().position(|&p| p == a[at_ex])?, b.iter().position(|&p| p == a[at_ey])?];
+        let slots_b =
+            [opposite, b.iter().position(|&p| p == a[at_ex])?, b.iter().position(|&p| p == a[at_ey])?];
         let (corner, ex, ey) = (a[apex], a[at_ex] - a[apex], a[at_ey] - a[apex]);
         let size = ex.length() + ey.length();
         let perpendicular = ex.dot(ey).abs() <= TOLERANCE * ex.length() * ey.length();
@@ -549,12 +571,22 @@ impl Rectangle {
     #[inline]
     fn point(&self, mesh: &TriangleMesh, st: Vec2) -> SurfacePoint {
         let beyond = st.x + st.y > 1.0;
-        let weights = if beyond { [st.x + st.y - 1.0, 1.0 - st.y, 1.0 - st.x] } else { [1.0 - st.x - st.y, st.x, st.y] };
+        let weights = if beyond {
+            [st.x + st.y - 1.0, 1.0 - st.y, 1.0 - st.x]
+        } else {
+            [1.0 - st.x - st.y, st.x, st.y]
+        };
         let half = usize::from(beyond);
         let mut corner_weights = [0.0; 3];
         for (slot, weight) in self.slots[half].into_iter().zip(weights) {
             corner_weights[slot] = weight;
         }
-        SurfacePoint::on_triangle(mesh, self.shape, self.triangles[half], corner_weights[1], corner_weights[2])
+        SurfacePoint::on_triangle(
+            mesh,
+            self.shape,
+            self.triangles[half],
+            corner_weights[1],
+            corner_weights[2],
+        )
     }
 }

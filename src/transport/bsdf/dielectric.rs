@@ -89,8 +89,13 @@ impl RoughDielectric {
             (wi.z > 0.0).then_some(BsdfSample { wi, weight, pdf, is_delta: false, eta: 1.0 })
         } else {
             let wi = -tangential / eta - fresnel.cos_t * m;
-            let weight = self.boundary.transmission * (self.boundary.transmission_scale(mode) * self.facets.masking(wi));
-            let pdf = self.refraction_pdf(wo, &Refraction { m, cos_o, cos_i: fresnel.cos_t }, 1.0 - fresnel.reflectance);
+            let weight = self.boundary.transmission
+                * (self.boundary.transmission_scale(mode) * self.facets.masking(wi));
+            let pdf = self.refraction_pdf(
+                wo,
+                &Refraction { m, cos_o, cos_i: fresnel.cos_t },
+                1.0 - fresnel.reflectance,
+            );
             (wi.z < 0.0 && pdf > 0.0).then_some(BsdfSample { wi, weight, pdf, is_delta: false, eta })
         }
     }
