@@ -8,11 +8,11 @@ use std::time::{Duration, Instant};
 use glam::{IVec2, Vec2};
 use rayon::prelude::*;
 
-use crate::film::{AovRecord, Film};
+use crate::film::{AovRecord, Film, FilmError, Sample};
 use crate::integrators::{Integrator, PathObserver, Technique, Unobserved};
 use crate::query::{Ray, RayQuery};
 use crate::sampling::Sampler;
-use crate::scene::{Rgb, luminance};
+use crate::scene::Rgb;
 use crate::transport::World;
 use crate::transport::vertex::SurfaceVertex;
 
@@ -57,10 +57,8 @@ pub enum Control {
 /// One camera sample.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct PixelSample {
-    /// Where in its pixel, from 0 to 1.
-    pub offset: Vec2,
-    /// Radiance along its path.
-    pub radiance: Rgb,
+    /// Where in the pixel, and the radiance along its path.
+    pub sample: Sample,
     /// Rays traced.
     pub rays: u32,
 }
@@ -69,6 +67,9 @@ pub struct PixelSample {
 const CAMERA_SET: u32 = 0;
 
 /// Renders passes into the film until `stop` or `progress` says so, which is called after each.
+///
+/// # Errors
+/// If the film has no memory for a pass.
 pub fn render<Q: RayQuery>(
     world: &World,
     query: &Q,
@@ -76,7 +77,7 @@ pub fn render<Q: RayQuery>(
     film: &mut Film,
     stop: &Stop,
     mut progress: impl FnMut(&Progress) -> Control,
-) -> Progress {
+) -> Result<Progress, FilmError> {
     let start = Instant::now();
     let mut done = Progress::default();
     let mut samples = film.new_pass();
@@ -88,24 +89,22 @@ pub fn render<Q: RayQuery>(
             break;
         }
         let rays = AtomicU64::new(0);
-        samples.par_rows_mut().for_each(|mut row| {
-            let mut row_rays = 0;
-            for (pixel, mut sample) in row.samples_mut() {
-                let made = if let Some(aov) = sample.aov.as_deref_mut() {
-                    let mut first = FirstHit { world, record: None };
-                    let made = sample_pixel(world, query, target, pixel, pass, &mut first);
-                    *aov = first.record;
-                    made
-                } else {
-                    sample_pixel(world, query, target, pixel, pass, &mut Unobserved)
+        samples.par_bands_mut().for_each(|mut band| {
+            let mut band_rays = 0;
+            band.for_each(|pixel, sample, record| {
+                let made = match record {
+                    Some(record) => {
+                        let mut first = FirstHit(record);
+                        sample_pixel(world, query, target, pixel, pass, &mut first)
+                    }
+                    None => sample_pixel(world, query, target, pixel, pass, &mut Unobserved),
                 };
-                *sample.offset = made.offset;
-                *sample.radiance = made.radiance;
-                row_rays += u64::from(made.rays);
-            }
-            rays.fetch_add(row_rays, Ordering::Relaxed);
+                *sample = made.sample;
+                band_rays += u64::from(made.rays);
+            });
+            rays.fetch_add(band_rays, Ordering::Relaxed);
         });
-        film.add_pass(pass, &samples);
+        film.add_pass(pass, Some(&samples), &[])?;
         done.passes += 1;
         done.rays += rays.into_inner();
         done.elapsed = start.elapsed();
@@ -113,7 +112,7 @@ pub fn render<Q: RayQuery>(
             break;
         }
     }
-    done
+    Ok(done)
 }
 
 /// The sample of one pixel in one pass: a function of its arguments alone.
@@ -130,10 +129,36 @@ pub fn sample_pixel<Q: RayQuery, O: PathObserver>(
     let stream = u64::from(pixel.y as u32) << 32 | u64::from(pixel.x as u32);
     let sampler = Sampler::new(target.seed, stream, pass);
     let [x, y, lens_u, lens_v] = sampler.block(CAMERA_SET);
-    let offset = Vec2::new(x, y);
-    let ray = world.camera.spawn_ray(pixel.as_vec2() + offset, Vec2::new(lens_u, lens_v));
+    let jitter = Vec2::new(x, y);
+    let ray = world.camera.spawn_ray(pixel.as_vec2() + jitter, Vec2::new(lens_u, lens_v));
     let (radiance, rays) = match target.integrator {
         Integrator::Backward(backward) => backward.radiance(world, query, ray, &sampler, observer),
     };
-    PixelSample { offset, radiance, rays }
+    PixelSample { sample: Sample { jitter, radiance }, rays }
+}
+
+/// Fills an AOV record with the first surface that a path meets.
+struct FirstHit<'r>(&'r mut AovRecord);
+
+impl PathObserver for FirstHit<'_> {
+    fn segment(&mut self, depth: u32, _: &Ray, hit: Option<(&SurfaceVertex, f32)>, _: Rgb) {
+        if depth != 1 {
+            return;
+        }
+        *self.0 = match hit {
+            Some((vertex, t)) => AovRecord {
+                shape: vertex.point.shape,
+                primitive: vertex.point.primitive,
+                depth: t,
+                position: vertex.point.p,
+                ng: vertex.point.ng,
+                ns: vertex.point.ns,
+                albedo: vertex.bsdf.albedo(vertex.frame.to_local(vertex.wo)),
+                uv: vertex.point.uv,
+            },
+            None => AovRecord::MISS,
+        };
+    }
+
+    fn contribution(&mut self, _: Technique, _: Rgb, _: f32) {}
 }

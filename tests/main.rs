@@ -1,4 +1,7 @@
 //! The integration tests: one binary, a module per subject.
 
+mod analytic;
+mod backends;
 #[cfg(feature = "embree")]
 mod query_embree;
+mod scene_builder;

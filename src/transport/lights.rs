@@ -371,7 +371,7 @@ impl<'s> Lights<'s> {
             Light::Analytic { shape } => {
                 let analytic = self.analytic(shape)?;
                 if let Some(cone) = sphere_cone(analytic, from) {
-                    let near = analytic.to_object().transform_point3(cone.sample(u));
+                    let near = analytic.to_object().transform_point3(cone.sample(u).as_dvec3());
                     let point = SurfacePoint::on_analytic(analytic, shape, near);
                     return Some((point, AreaPdf::SolidAngle(1.0 / cone.solid_angle())));
                 }
@@ -520,7 +520,7 @@ fn sphere_cone(analytic: &AnalyticShape, from: Vec3) -> Option<SphereCone> {
         return None;
     }
     let radius = analytic.to_world().matrix3.x_axis.length();
-    SphereCone::new(analytic.to_world().translation, radius, from)
+    SphereCone::new(analytic.to_world().translation.as_vec3(), radius as f32, from)
 }
 
 /// Uniform by area.

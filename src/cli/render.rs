@@ -1,0 +1,290 @@
+//! `helmholtz render`: a scene becomes an image.
+
+use std::ops::Range;
+use std::path::PathBuf;
+use std::sync::Arc;
+use std::sync::atomic::{AtomicBool, Ordering};
+use std::time::{Duration, Instant};
+
+use clap::Args;
+use glam::UVec2;
+use serde_json::json;
+
+use super::output::Outputs;
+use super::parse::{self, Spec};
+use super::progress::Bar;
+use super::{CliError, EXIT_DONE, EXIT_INTERRUPTED, debug_pixel};
+use crate::film::{Aov, AovSet, Film, state};
+use crate::integrators::Integrator;
+use crate::query::{Backend, RayQuery};
+use crate::render::{Control, Progress, Stop, Target, render};
+use crate::scene::load::{LoadOptions, Loaded, load};
+use crate::scene::{PixelRect, Scene};
+use crate::transport::World;
+
+/// Render a scene or a mesh to OpenEXR and PNG
+///
+/// SCENE is a Mitsuba scene (.xml) or a mesh (.obj, .ply). A mesh without lights gets a neutral sky, one
+/// without a camera a view of all of it.
+///
+/// The image depends on the scene, the integrator, the seed and the passes, and on nothing else: it is the same
+/// to the last bit for any number of threads, and whether it was rendered at once, resumed or merged.
+#[derive(Debug, Args)]
+#[command(after_help = "Examples:
+  helmholtz render scenes/cornell-box.xml
+  helmholtz render room.xml --time 5m -o room.exr
+  helmholtz render room.xml --integrator path:max_depth=4 --spp 256
+  helmholtz render room.xml --backend obvhs --size 640x360
+  helmholtz render room.xml --passes 0..64 --save-state a.state    (on one machine)
+  helmholtz render room.xml --passes 64..128 --save-state b.state  (on another)
+  helmholtz merge a.state b.state -o room.exr")]
+pub(super) struct RenderArgs {
+    /// Mitsuba scene (.xml) or mesh (.obj, .ply)
+    scene: PathBuf,
+    /// Image to write: NAME.exr (and NAME.png beside it) or NAME.png [default: the scene's name, here]
+    #[arg(short, long, value_name = "FILE")]
+    output: Option<PathBuf>,
+    /// Samples per pixel; one pass makes one [default: what the scene says, without limit if only --time is given]
+    #[arg(long, value_name = "N", value_parser = clap::value_parser!(u32).range(1..))]
+    spp: Option<u32>,
+    /// Begin no pass after this time: 30s, 5m, 2h, 500ms
+    #[arg(long, value_name = "TIME", value_parser = parse::duration)]
+    time: Option<Duration>,
+    /// Render only these passes: FIRST..END, END not included
+    #[arg(long, value_name = "RANGE", value_parser = parse::passes, conflicts_with = "spp")]
+    passes: Option<Range<u32>>,
+    /// Seed of the random numbers: images with different seeds are independent
+    #[arg(long, default_value_t = 0)]
+    seed: u64,
+    /// Threads [default: one per core]; does not change the image
+    #[arg(long, value_name = "N", value_parser = clap::value_parser!(u32).range(1..))]
+    threads: Option<u32>,
+    /// Film size in pixels instead of the scene's; a crop window of the scene is dropped
+    #[arg(long, value_name = "WIDTHxHEIGHT", value_parser = parse::size)]
+    size: Option<UVec2>,
+    /// Part of the film to render
+    #[arg(long, value_name = "X,Y,WIDTHxHEIGHT", value_parser = parse::crop)]
+    crop: Option<PixelRect>,
+    /// Ray queries by: embree (settings robust=true|false, quality=low|medium|high, compact=true|false) or
+    /// obvhs (setting quality=low|medium|high)
+    #[arg(long, value_name = "NAME:KEY=VALUE,...", value_parser = parse::spec)]
+    backend: Option<Spec>,
+    /// Algorithm instead of the scene's: path (max_depth, rr_depth, hide_emitters)
+    #[arg(long, value_name = "NAME:KEY=VALUE,...", value_parser = parse::spec)]
+    integrator: Option<Spec>,
+    /// Replace $NAME in the scene file
+    #[arg(short = 'D', value_name = "NAME=VALUE", value_parser = parse::key_value)]
+    define: Vec<(String, String)>,
+    /// Replace what is not supported in a scene file, with a warning that says by what
+    #[arg(long)]
+    lenient: bool,
+    /// More layers for the EXR: depth, position, ng, ns, albedo, uv, shape-id, primitive-id, sample-count, variance
+    #[arg(long, value_name = "NAME,...", value_delimiter = ',', value_parser = aov)]
+    aov: Vec<Aov>,
+    /// Go on from a state file; its passes are not rendered again
+    #[arg(long, value_name = "FILE")]
+    resume: Option<PathBuf>,
+    /// Save a state file at the end, to be resumed or merged
+    #[arg(long, value_name = "FILE")]
+    save_state: Option<PathBuf>,
+    /// Print the paths of a pixel, vertex by vertex, instead of rendering; --passes says which (pass 0 by default)
+    #[arg(long, value_name = "X,Y", value_parser = parse::pixel)]
+    debug_pixel: Option<UVec2>,
+    /// No progress and no messages but errors
+    #[arg(long)]
+    quiet: bool,
+    /// Print statistics as JSON on standard output
+    #[arg(long)]
+    json: bool,
+}
+
+fn aov(name: &str) -> Result<Aov, String> {
+    Aov::from_name(name).ok_or_else(|| "no such AOV".to_owned())
+}
+
+pub(super) fn run(args: &RenderArgs) -> Result<u8, CliError> {
+    let outputs = Outputs::new(args.output.as_deref(), &args.scene)?;
+    if let Some(threads) = args.threads {
+        rayon::ThreadPoolBuilder::new().num_threads(threads as usize).build_global()?;
+    }
+    let start = Instant::now();
+    let options = LoadOptions { defines: args.define.clone(), lenient: args.lenient };
+    let Loaded { mut scene, warnings, .. } = load(&args.scene, &options)?;
+    if !args.quiet {
+        for warning in &warnings {
+            eprintln!("{warning}");
+        }
+    }
+    args.edit(&mut scene)?;
+    let integrator = args.integrator(&scene)?;
+    let load_time = start.elapsed();
+    let start = Instant::now();
+    let job = Job { args, scene: &scene, outputs, integrator, load_time, start };
+    match args.backend()? {
+        #[cfg(feature = "embree")]
+        Backend::Embree(settings) => job.run(&crate::query::embree::EmbreeQuery::new(&scene.shapes, settings)?),
+        Backend::Obvhs(settings) => job.run(&crate::query::obvhs::ObvhsQuery::new(&scene.shapes, settings)),
+    }
+}
+
+impl RenderArgs {
+    /// Applies the arguments that change the scene.
+    fn edit(&self, scene: &mut Scene) -> Result<(), CliError> {
+        if let Some(size) = self.size {
+            scene.film.size = size;
+            scene.film.crop = PixelRect { min: UVec2::ZERO, size };
+        }
+        if let Some(crop) = self.crop {
+            let end = crop.min.checked_add(crop.size);
+            if !end.is_some_and(|end| end.cmple(scene.film.size).all()) {
+                return Err(format!("--crop reaches beyond the film of {}x{}", scene.film.size.x, scene.film.size.y).into());
+            }
+            scene.film.crop = crop;
+        }
+        Ok(())
+    }
+
+    fn integrator(&self, scene: &Scene) -> Result<Integrator, CliError> {
+        let settings = &scene.integrator;
+        Ok(match (&self.integrator, &settings.name) {
+            (Some(spec), _) => Integrator::new(&spec.name, &spec.parameters)?,
+            (None, Some(name)) => Integrator::new(name, &settings.parameters)?,
+            (None, None) => Integrator::new("path", &[])?,
+        })
+    }
+
+    fn backend(&self) -> Result<Backend, CliError> {
+        Ok(match &self.backend {
+            Some(spec) => Backend::new(&spec.name, &spec.parameters)?,
+            None => Backend::default(),
+        })
+    }
+
+    /// The passes to render: from --passes, --spp or the scene; all there are if --time alone says when to stop.
+    fn pass_range(&self, scene: &Scene) -> Range<u32> {
+        match (&self.passes, self.spp, self.time) {
+            (Some(range), _, _) => range.clone(),
+            (None, Some(spp), _) => 0..spp,
+            (None, None, Some(_)) => 0..u32::MAX,
+            (None, None, None) => 0..scene.sample_count,
+        }
+    }
+}
+
+/// A render whose backend is about to be chosen.
+struct Job<'a> {
+    args: &'a RenderArgs,
+    scene: &'a Scene,
+    outputs: Outputs,
+    integrator: Integrator,
+    load_time: Duration,
+    start: Instant,
+}
+
+impl Job<'_> {
+    fn run<Q: RayQuery>(self, query: &Q) -> Result<u8, CliError> {
+        let world = World::new(self.scene);
+        let build_time = self.start.elapsed();
+        let target = Target { integrator: self.integrator, seed: self.args.seed };
+        if let Some(pixel) = self.args.debug_pixel {
+            if !pixel.cmplt(self.scene.film.size).all() {
+                return Err(format!("--debug-pixel {},{} is not on the film", pixel.x, pixel.y).into());
+            }
+            let passes = self.args.passes.clone().unwrap_or(0..1);
+            print!("{}", debug_pixel::describe(&world, query, &target, pixel, passes));
+            return Ok(EXIT_DONE);
+        }
+        let mut film = self.film(&world)?;
+        let stop = Stop { passes: self.args.pass_range(self.scene), time: self.args.time };
+        let interrupted = stop_on_ctrl_c()?;
+        let progress = self.render(&world, query, &target, &mut film, &stop, &interrupted)?;
+        let render_time = progress.elapsed;
+
+        self.report_dropped(&film, &target);
+        let metadata = self.metadata(query, &target, &film, render_time);
+        let written = self.outputs.write(&film, metadata)?;
+        self.say(&written);
+        let was_interrupted = interrupted.load(Ordering::Relaxed);
+        self.save_state(&film, &target, was_interrupted)?;
+        self.say(&[format!(
+            "{} samples per pixel in {:.1} s ({:.2} M rays/s on {} threads, {}); loading took {:.2} s, building {:.2} s",
+            film.passes().len(),
+            render_time.as_secs_f64(),
+            progress.rays as f64 / render_time.as_secs_f64().max(1e-9) / 1e6,
+            rayon::current_num_threads(),
+            query.name(),
+            self.load_time.as_secs_f64(),
+            build_time.as_secs_f64(),
+        )]);
+        if self.args.json {
+            println!("{:#}", self.statistics(query, &target, &film, &progress, build_time));
+        }
+        Ok(if was_interrupted { EXIT_INTERRUPTED } else { EXIT_DONE })
+    }
+
+    fn say(&self, lines: &[String]) {
+        if !self.args.quiet {
+            for line in lines {
+                eprintln!("{line}");
+            }
+        }
+    }
+
+    /// An empty film, or the one to be resumed.
+    fn film(&self, world: &World) -> Result<Film, CliError> {
+        let aovs: AovSet = self.args.aov.iter().copied().collect();
+        let film = Film::new(&self.scene.film, aovs, world.lights.radiance_unit())?;
+        match &self.args.resume {
+            Some(path) => Ok(state::resume(path, film, &self.identity())?),
+            None => Ok(film),
+        }
+    }
+
+    /// What must be the same for passes to be added up.
+    fn identity(&self) -> state::Identity {
+        todo!()
+    }
+
+    fn render<Q: RayQuery>(
+        &self,
+        world: &World,
+        query: &Q,
+        target: &Target,
+        film: &mut Film,
+        stop: &Stop,
+        interrupted: &AtomicBool,
+    ) -> Result<Progress, CliError> {
+        let count = (stop.passes.end != u32::MAX).then(|| stop.passes.len() as u64);
+        let bar = Bar::new(count, stop.time, self.args.quiet);
+        let progress = render(world, query, target, film, stop, |progress| {
+            bar.update(progress, count.is_some());
+            if interrupted.load(Ordering::Relaxed) { Control::Stop } else { Control::Continue }
+        })?;
+        bar.finish();
+        Ok(progress)
+    }
+
+    fn save_state(&self, film: &Film, target: &Target, interrupted: bool) -> Result<(), CliError> {
+        let path = match &self.args.save_state {
+            Some(path) => path.clone(),
+            None if interrupted => self.outputs.state(),
+            None => return Ok(()),
+        };
+        state::save(&path, film, &self.identity())?;
+        self.say(&[format!("wrote {}; go on with the same command and --resume {0}", path.display())]);
+        Ok(())
+    }
+}
+
+/// The first Ctrl-C asks to stop after the pass; the second ends the process at once.
+fn stop_on_ctrl_c() -> Result<Arc<AtomicBool>, CliError> {
+    let interrupted = Arc::new(AtomicBool::new(false));
+    let flag = Arc::clone(&interrupted);
+    ctrlc::set_handler(move || {
+        if flag.swap(true, Ordering::Relaxed) {
+            std::process::exit(EXIT_INTERRUPTED.into());
+        }
+        eprintln!("\nfinishing this pass; Ctrl-C again stops at once and loses it");
+    })?;
+    Ok(interrupted)
+}
