@@ -371,7 +371,7 @@ impl<'s> Lights<'s> {
             Light::Analytic { shape } => {
                 let analytic = self.analytic(shape)?;
                 if let Some(cone) = sphere_cone(analytic, from) {
-                    let near = analytic.to_object().transform_point3(cone.sample(u).as_dvec3());
+                    let near = analytic.to_object().transform_vector3(cone.sample(u).as_dvec3());
                     let point = SurfacePoint::on_analytic(analytic, shape, near);
                     return Some((point, AreaPdf::SolidAngle(1.0 / cone.solid_angle())));
                 }
@@ -514,9 +514,9 @@ impl AreaPdf {
     }
 }
 
-/// The cone of directions to a sphere, where it is seen from outside.
+/// The directions to a sphere.
 fn sphere_cone(analytic: &AnalyticShape, from: Vec3) -> Option<SphereCone> {
-    if analytic.kind() != AnalyticKind::Sphere || analytic.flip_normals() {
+    if analytic.kind() != AnalyticKind::Sphere {
         return None;
     }
     let radius = analytic.to_world().matrix3.x_axis.length();
