@@ -183,8 +183,9 @@ impl SphericalTriangle {
         // Edges are exact as to the input, and so is this product to within f64: directions would cancel in it.
         let volume = to_corners[0].dot(e1.cross(e2)).abs();
         let factors = e1.length_squared() * e2.length_squared() * to_corners[0].length_squared();
-        // Written so that NaN fails.
-        if !(volume * volume > Self::MIN_RELATIVE_VOLUME * Self::MIN_RELATIVE_VOLUME * factors) {
+        // False for NaN as well.
+        let enough = volume * volume > Self::MIN_RELATIVE_VOLUME * Self::MIN_RELATIVE_VOLUME * factors;
+        if !enough {
             return None;
         }
         let inverse = to_corners.map(|q| 1.0 / q.length());
