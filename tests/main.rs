@@ -5,3 +5,5 @@ mod backends;
 #[cfg(feature = "embree")]
 mod query_embree;
 mod scene_builder;
+mod sampler;
+mod spherical;

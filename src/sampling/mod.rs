@@ -2,6 +2,7 @@
 
 pub mod discrete;
 pub mod sampler;
+pub mod spherical;
 pub mod warp;
 
 pub use sampler::Sampler;
