@@ -93,6 +93,25 @@ impl SurfacePoint {
         Self { p, p_err, ng, ns: ng, uv: Vec2::new(uv.0 as f32, uv.1 as f32), shape, primitive: 0 }
     }
 
+    /// The point moved off the surface by its error bound, to the side that `d` points to.
+    #[inline]
+    pub fn offset_towards(&self, d: Vec3) -> Vec3 {
+        let side = if d.dot(self.ng) < 0.0 { -self.ng } else { self.ng };
+        let offset = side * self.p_err;
+        let away = |p: f32, offset: f32| {
+            let sum = p + offset;
+            // The sum may round back towards the surface; one step more undoes that.
+            if offset > 0.0 {
+                sum.next_up()
+            } else if offset < 0.0 {
+                sum.next_down()
+            } else {
+                sum
+            }
+        };
+        Vec3::new(away(self.p.x, offset.x), away(self.p.y, offset.y), away(self.p.z, offset.z))
+    }
+
     /// The surface point of a hit at distance `t` along the ray from `o` in direction `d`.
     #[inline]
     #[allow(clippy::too_many_arguments)]
