@@ -3,7 +3,7 @@
 //! The ray is taken to the space of the unit shape in f64. Its direction is not made unit length there, so that distances
 //! stay those of the world.
 
-use glam::{DVec3, Vec3};
+use glam::DVec3;
 
 use super::Ray;
 use crate::scene::{AnalyticKind, AnalyticShape};

@@ -94,7 +94,9 @@ struct BoxRay {
 impl BoxRay {
     #[inline]
     fn new(ray: &Ray) -> Self {
-        let inverse = |d: f32| Vec4::splat(1.0 / if d.abs() < LEAST_COMPONENT { LEAST_COMPONENT.copysign(d) } else { d });
+        let inverse = |d: f32| {
+            Vec4::splat(1.0 / if d.abs() < LEAST_COMPONENT { LEAST_COMPONENT.copysign(d) } else { d })
+        };
         Self {
             origin: ray.o.to_array().map(Vec4::splat),
             inverse: ray.d.to_array().map(inverse),
@@ -131,7 +133,13 @@ impl<'s> ObvhsQuery<'s> {
         let (unordered, boxes) = collect(shapes);
         let bounds = boxes.iter().fold(Aabb::EMPTY, |all, &b| all.union(b));
         if boxes.is_empty() {
-            return Self { shapes, bounds, root: Child::default(), nodes: Vec::new(), primitives: Vec::new() };
+            return Self {
+                shapes,
+                bounds,
+                root: Child::default(),
+                nodes: Vec::new(),
+                primitives: Vec::new(),
+            };
         }
         let tree = build_bvh2(&build_boxes(&boxes, bounds), quality.parameters(), &mut Duration::default());
         let mut packer = Packer::new(&tree, &boxes);
@@ -337,7 +345,8 @@ impl<'a> Packer<'a> {
     fn leaf(&mut self, primitives: &[u32]) -> (Child, Aabb) {
         let child = Child { first: self.order.len() as u32, count: primitives.len() as u32 };
         self.order.extend(primitives);
-        let hull = primitives.iter().map(|&i| with_margin(self.boxes[i as usize])).fold(Aabb::EMPTY, Aabb::union);
+        let hull =
+            primitives.iter().map(|&i| with_margin(self.boxes[i as usize])).fold(Aabb::EMPTY, Aabb::union);
         (child, hull)
     }
 
@@ -379,4 +388,40 @@ fn primitives_below(tree: &Bvh2, index: usize) -> Vec<u32> {
         }
     }
     primitives
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    fn depth(nodes: &[Node], child: Child) -> usize {
+        if child.count > 0 {
+            return 0;
+        }
+        let [left, right] = nodes[child.first as usize].children.map(|c| depth(nodes, c));
+        1 + left.max(right)
+    }
+
+    #[test]
+    fn deep_trees_are_made_to_fit_the_stack() {
+        // A chain: each node has a leaf to its left and the rest to its right.
+        let count = 1000_u32;
+        let hull = |i: u32| Aabb { min: Vec3::splat(i as f32), max: Vec3::splat(count as f32) };
+        let boxes: Vec<Aabb> =
+            (0..count).map(|i| Aabb { max: Vec3::splat(i as f32 + 1.0), ..hull(i) }).collect();
+        let node =
+            |b: Aabb, count, first| Bvh2Node::new(BuildBox::new(b.min.into(), b.max.into()), count, first);
+        let mut tree = Bvh2 { primitive_indices: (0..count).collect(), ..Bvh2::default() };
+        tree.nodes.push(node(hull(0), 0, 1));
+        for i in 0..count - 1 {
+            tree.nodes.push(node(boxes[i as usize], 1, i));
+            let last = i + 2 == count;
+            tree.nodes.push(node(hull(i + 1), u32::from(last), if last { i + 1 } else { 2 * i + 3 }));
+        }
+        let mut packer = Packer::new(&tree, &boxes);
+        let (root, bounds) = packer.copy(0, 0);
+        assert_eq!(depth(&packer.nodes, root), MAX_DEPTH);
+        assert_eq!(packer.order, tree.primitive_indices);
+        assert!(bounds.min.max_element() <= 0.0 && bounds.max.min_element() >= count as f32);
+    }
 }

@@ -28,6 +28,11 @@ pub struct SurfacePoint {
 /// a cross and a dot product, each rounded (Higham's gamma of 8 operations, times 2 for both ends of the segment).
 const PLANE_TEST_ERROR: f32 = 16.0 * (f32::EPSILON / 2.0);
 
+/// What a sphere needs besides the rounding of `p`, relative to its radius. Rounding of normal and direction lets a ray
+/// dip below the tangent plane by an angle of up to 2^-21; the sphere falls away beneath it if the ray starts half the square
+/// of that above. (The test itself is done in f64 and errs by less.)
+const SPHERE_TILT_ERROR: f32 = 1.0 / (1u64 << 42) as f32;
+
 impl SurfacePoint {
     /// The point with barycentric coordinates `u` (of the second corner) and `v` (of the third) on a triangle.
     #[inline]
@@ -40,7 +45,11 @@ impl SurfacePoint {
         let p = (a.as_dvec3() + e1 * u64 + e2 * v64).as_vec3();
         let ng = e1.cross(e2).as_vec3();
         // Edges of 1e-20 square to f32 zero; normalise in f64 before rounding.
-        let mut ng = if ng.length_squared() > f32::MIN_POSITIVE { ng.normalize() } else { e1.cross(e2).normalize_or_zero().as_vec3() };
+        let mut ng = if ng.length_squared() > f32::MIN_POSITIVE {
+            ng.normalize()
+        } else {
+            e1.cross(e2).normalize_or_zero().as_vec3()
+        };
         let w = 1.0 - u - v;
         let mut ns = ng;
         if !mesh.normals().is_empty() {
@@ -88,8 +97,15 @@ impl SurfacePoint {
         // Normals go by the inverse transpose.
         let n = (analytic.to_object().matrix3.transpose() * n).normalize();
         let ng = if analytic.flip_normals() { -n } else { n }.as_vec3();
-        // The test is done in f64; only the rounding of p itself, here and in its use, is left.
-        let p_err = 4.0 * f32::EPSILON * p.abs().max_element();
+        let m = analytic.to_world().matrix3;
+        let extent = (m.x_axis.abs() + m.y_axis.abs() + m.z_axis.abs()).max_element() as f32;
+        let p_err = match analytic.kind() {
+            AnalyticKind::Sphere => 4.0 * f32::EPSILON * p.abs().max_element() + SPHERE_TILT_ERROR * extent,
+            // Straight lines lie in these: a direction rounded below the surface comes back to it across the whole extent.
+            AnalyticKind::Disk | AnalyticKind::Cylinder => {
+                PLANE_TEST_ERROR * (extent + p.abs().max_element())
+            }
+        };
         Self { p, p_err, ng, ns: ng, uv: Vec2::new(uv.0 as f32, uv.1 as f32), shape, primitive: 0 }
     }
 
@@ -115,7 +131,16 @@ impl SurfacePoint {
     /// The surface point of a hit at distance `t` along the ray from `o` in direction `d`.
     #[inline]
     #[allow(clippy::too_many_arguments)]
-    pub fn from_hit(shapes: &[Shape], shape: u32, primitive: u32, u: f32, v: f32, o: Vec3, d: Vec3, t: f32) -> Self {
+    pub fn from_hit(
+        shapes: &[Shape],
+        shape: u32,
+        primitive: u32,
+        u: f32,
+        v: f32,
+        o: Vec3,
+        d: Vec3,
+        t: f32,
+    ) -> Self {
         match &shapes[shape as usize].geometry {
             Geometry::Mesh(mesh) => Self::on_triangle(mesh, shape, primitive, u, v),
             Geometry::Analytic(analytic) => {
