@@ -7,7 +7,7 @@
 use std::ops::{ControlFlow, Range};
 use std::time::Duration;
 
-use glam::{Vec3, Vec3A, Vec4, Vec4Swizzles};
+use glam::{Vec3, Vec3A, Vec4};
 use obvhs::BvhBuildParams;
 use obvhs::aabb::Aabb as BuildBox;
 use obvhs::bvh2::builder::build_bvh2;
@@ -47,8 +47,14 @@ const SLACK: f32 = 4.0 * f32::EPSILON;
 /// distance that coordinates allow, the ray moves by less than the margin of the boxes.
 const LEAST_COMPONENT: f32 = f32::from_bits((127 - 80) << 23);
 
+/// Children of a node: as many as an SSE register has lanes.
+const WIDTH: usize = 4;
+
 /// Deepest tree that traversal has a stack for.
-const MAX_DEPTH: usize = 64;
+const MAX_DEPTH: usize = 32;
+
+/// All children of the deepest node wait at once, and all but one of each node above.
+const STACK_SIZE: usize = MAX_DEPTH * (WIDTH - 1) + 1;
 
 /// Stands for a triangle's index in a [`Primitive`] that is an analytic shape; meshes have fewer than 2^31 triangles.
 const ANALYTIC: u32 = u32::MAX;
@@ -68,19 +74,31 @@ struct Child {
     count: u32,
 }
 
-/// Two boxes and what lies in them, in one cache line. Per axis: least of left and right, greatest of left and right.
-#[derive(Debug, Clone, Copy, Default)]
+/// Four boxes and what lies in them, in two cache lines.
+#[derive(Debug, Clone, Copy)]
 #[repr(C, align(64))]
 struct Node {
-    bounds: [Vec4; 3],
-    children: [Child; 2],
+    /// Per axis: least and greatest coordinate of each child.
+    bounds: [[Vec4; 2]; 3],
+    children: [Child; WIDTH],
 }
 
 impl Node {
-    fn new(boxes: [Aabb; 2], children: [Child; 2]) -> Self {
-        let [l, r] = boxes;
-        let bounds = [0, 1, 2].map(|i| Vec4::new(l.min[i], r.min[i], l.max[i], r.max[i]));
-        Self { bounds, children }
+    /// Boxes that no ray meets: least at +infinity, greatest at -infinity.
+    const EMPTY: Self = Self {
+        bounds: [[Vec4::INFINITY, Vec4::NEG_INFINITY]; 3],
+        children: [Child { first: 0, count: 0 }; WIDTH],
+    };
+
+    fn new(children: &[(Child, Aabb)]) -> Self {
+        let mut node = Self::EMPTY;
+        for (lane, (child, hull)) in children.iter().enumerate() {
+            node.children[lane] = *child;
+            for (axis, [least, greatest]) in node.bounds.iter_mut().enumerate() {
+                (least[lane], greatest[lane]) = (hull.min[axis], hull.max[axis]);
+            }
+        }
+        node
     }
 }
 
@@ -88,36 +106,40 @@ impl Node {
 struct BoxRay {
     origin: [Vec4; 3],
     inverse: [Vec4; 3],
+    /// Which of the two bounds of an axis the ray reaches first.
+    near: [usize; 3],
     t_min: f32,
 }
 
 impl BoxRay {
     #[inline]
     fn new(ray: &Ray) -> Self {
-        let inverse = |d: f32| {
-            Vec4::splat(1.0 / if d.abs() < LEAST_COMPONENT { LEAST_COMPONENT.copysign(d) } else { d })
-        };
+        let d =
+            ray.d.to_array().map(|d| if d.abs() < LEAST_COMPONENT { LEAST_COMPONENT.copysign(d) } else { d });
         Self {
             origin: ray.o.to_array().map(Vec4::splat),
-            inverse: ray.d.to_array().map(inverse),
+            inverse: d.map(|d| Vec4::splat(1.0 / d)),
+            near: d.map(|d| usize::from(d < 0.0)),
             t_min: ray.t_min,
         }
     }
 
-    /// Where the ray enters each of the two boxes, and whether it meets each within its range.
+    /// Where the ray enters each of the boxes, and a bit for each that it meets before `t_max`.
     #[inline(always)]
-    fn enter(&self, node: &Node, t_max: f32) -> ([f32; 2], [bool; 2]) {
-        let [x, y, z] = [0, 1, 2].map(|i| (node.bounds[i] - self.origin[i]) * self.inverse[i]);
-        let near = x.min(x.zwxy()).max(y.min(y.zwxy())).max(z.min(z.zwxy()));
-        let far = x.max(x.zwxy()).min(y.max(y.zwxy())).min(z.max(z.zwxy()));
-        let near = (near * (1.0 - SLACK)).max(Vec4::splat(self.t_min));
-        let far = (far * (1.0 + SLACK)).min(Vec4::splat(t_max));
-        let hits = near.cmple(far);
-        ([near.x, near.y], [hits.test(0), hits.test(1)])
+    fn enter(&self, node: &Node, t_max: f32) -> ([f32; WIDTH], u32) {
+        // The mask only tells the compiler that the index is in range.
+        let distance = |axis: usize, bound: usize| {
+            (node.bounds[axis][bound & 1] - self.origin[axis]) * self.inverse[axis]
+        };
+        let [x, y, z] = self.near;
+        let near = distance(0, x).max(distance(1, y)).max(distance(2, z)) * (1.0 - SLACK);
+        let far = distance(0, 1 - x).min(distance(1, 1 - y)).min(distance(2, 1 - z)) * (1.0 + SLACK);
+        let hits = near.max(Vec4::splat(self.t_min)).cmple(far.min(Vec4::splat(t_max)));
+        (near.to_array(), hits.bitmask())
     }
 }
 
-/// Ray queries over shapes by a binary tree of bounding boxes.
+/// Ray queries over shapes by a tree of bounding boxes.
 pub struct ObvhsQuery<'s> {
     shapes: &'s [Shape],
     bounds: Aabb,
@@ -158,38 +180,38 @@ impl<'s> ObvhsQuery<'s> {
         }
         let box_ray = BoxRay::new(ray);
         let mut t_max = ray.t_max;
-        let mut stack = [(Child::default(), 0.0); MAX_DEPTH];
-        let mut height = 0;
-        let mut current = self.root;
-        loop {
-            if current.count == 0 {
-                let node = &self.nodes[current.first as usize];
-                let (t, hit) = box_ray.enter(node, t_max);
-                if hit[0] || hit[1] {
-                    let nearer = usize::from(!hit[0] || (hit[1] && t[1] < t[0]));
-                    if hit[0] && hit[1] {
-                        stack[height] = (node.children[1 - nearer], t[1 - nearer]);
-                        height += 1;
-                    }
-                    current = node.children[nearer];
-                    continue;
-                }
-            } else {
-                let first = current.first as usize;
-                if visit(&self.primitives[first..first + current.count as usize], &mut t_max).is_break() {
-                    return;
-                }
+        // What is still to be visited, with the distance at which the ray enters it.
+        let mut stack = [(Child::default(), 0.0); STACK_SIZE];
+        stack[0].0 = self.root;
+        let mut height = 1;
+        while height > 0 {
+            height -= 1;
+            let (child, t) = stack[height];
+            if t > t_max {
+                continue;
             }
-            current = loop {
-                if height == 0 {
+            let first = child.first as usize;
+            if child.count > 0 {
+                if visit(&self.primitives[first..first + child.count as usize], &mut t_max).is_break() {
                     return;
                 }
-                height -= 1;
-                let (child, t) = stack[height];
-                if t <= t_max {
-                    break child;
+                continue;
+            }
+            let node = &self.nodes[first];
+            let (t, mut hits) = box_ray.enter(node, t_max);
+            // The nearest on top, because a hit in it may make the others unnecessary.
+            let base = height;
+            while hits != 0 {
+                let lane = hits.trailing_zeros() as usize % WIDTH;
+                hits &= hits - 1;
+                let mut place = height;
+                while place > base && stack[place - 1].1 < t[lane] {
+                    stack[place] = stack[place - 1];
+                    place -= 1;
                 }
-            };
+                stack[place] = (node.children[lane], t[lane]);
+                height += 1;
+            }
         }
     }
 
@@ -301,11 +323,11 @@ fn hashed_unit_cube(i: u32) -> Vec3A {
     Vec3A::new(coordinate(1), coordinate(22), coordinate(43))
 }
 
-/// Copies a tree into nodes in the order of traversal. The boxes are those of the primitives themselves, with a margin.
+/// Copies a binary tree into nodes of [`WIDTH`] children. The boxes are those of the primitives themselves, with a margin.
 struct Packer<'a> {
     tree: &'a Bvh2,
     boxes: &'a [Aabb],
-    /// Below this depth subtrees are halved instead of copied, so that [`MAX_DEPTH`] is kept.
+    /// Below this depth subtrees are rebuilt balanced instead of copied, so that [`MAX_DEPTH`] is kept.
     copied_depth: usize,
     nodes: Vec<Node>,
     /// Indices of the primitives in the order of the leaves.
@@ -314,12 +336,12 @@ struct Packer<'a> {
 
 impl<'a> Packer<'a> {
     fn new(tree: &'a Bvh2, boxes: &'a [Aabb]) -> Self {
-        let halved_depth = boxes.len().next_power_of_two().ilog2() as usize;
-        let copied_depth = MAX_DEPTH - halved_depth;
+        let spread_depth = boxes.len().next_power_of_two().ilog2().div_ceil(WIDTH.ilog2()) as usize;
+        let copied_depth = MAX_DEPTH - spread_depth;
         Self { tree, boxes, copied_depth, nodes: Vec::new(), order: Vec::with_capacity(boxes.len()) }
     }
 
-    /// Adds the subtree of a node of the tree that is `depth` levels below the root.
+    /// Adds the subtree of a node of the binary tree, to stand `depth` levels below the root.
     fn copy(&mut self, index: usize, depth: usize) -> (Child, Aabb) {
         let tree = self.tree;
         let node = &tree.nodes[index];
@@ -327,19 +349,19 @@ impl<'a> Packer<'a> {
             return self.leaf(&tree.primitive_indices[primitives_of(node)]);
         }
         if depth == self.copied_depth {
-            return self.halve(&primitives_below(tree, index));
+            return self.spread(&primitives_below(tree, index));
         }
-        let first = node.first_index as usize;
-        self.inner(|packer| [packer.copy(first, depth + 1), packer.copy(first + 1, depth + 1)])
+        let children = widest_descendants(tree, index);
+        self.inner(&children, |packer, &child| packer.copy(child, depth + 1))
     }
 
     /// Adds a balanced tree over primitives that are already in a sensible order.
-    fn halve(&mut self, primitives: &[u32]) -> (Child, Aabb) {
-        let (left, right) = primitives.split_at(primitives.len() / 2);
-        if left.is_empty() {
-            return self.leaf(right);
+    fn spread(&mut self, primitives: &[u32]) -> (Child, Aabb) {
+        if primitives.len() <= WIDTH {
+            return self.leaf(primitives);
         }
-        self.inner(|packer| [packer.halve(left), packer.halve(right)])
+        let parts: Vec<&[u32]> = primitives.chunks(primitives.len().div_ceil(WIDTH)).collect();
+        self.inner(&parts, |packer, part| packer.spread(part))
     }
 
     fn leaf(&mut self, primitives: &[u32]) -> (Child, Aabb) {
@@ -350,13 +372,35 @@ impl<'a> Packer<'a> {
         (child, hull)
     }
 
-    fn inner(&mut self, children: impl FnOnce(&mut Self) -> [(Child, Aabb); 2]) -> (Child, Aabb) {
+    fn inner<T>(&mut self, parts: &[T], add: impl Fn(&mut Self, &T) -> (Child, Aabb)) -> (Child, Aabb) {
         let slot = self.nodes.len();
-        self.nodes.push(Node::default());
-        let [(left, left_box), (right, right_box)] = children(self);
-        self.nodes[slot] = Node::new([left_box, right_box], [left, right]);
-        (Child { first: slot as u32, count: 0 }, left_box.union(right_box))
+        self.nodes.push(Node::EMPTY);
+        let children: Vec<_> = parts.iter().map(|part| add(self, part)).collect();
+        self.nodes[slot] = Node::new(&children);
+        let hull = children.iter().fold(Aabb::EMPTY, |hull, (_, b)| hull.union(*b));
+        (Child { first: slot as u32, count: 0 }, hull)
     }
+}
+
+/// Children of a node of the binary tree, of which inner ones are replaced by their own children, largest
+/// first, until there are [`WIDTH`]: rays meet large boxes most often.
+fn widest_descendants(tree: &Bvh2, index: usize) -> Vec<usize> {
+    let children_of = |index: usize| {
+        let first = tree.nodes[index].first_index as usize;
+        [first, first + 1]
+    };
+    let area = |index: usize| tree.nodes[index].aabb().half_area();
+    let mut children = children_of(index).to_vec();
+    while children.len() < WIDTH {
+        let inner = (0..children.len()).filter(|&i| !tree.nodes[children[i]].is_leaf());
+        let Some(largest) = inner.max_by(|&i, &j| area(children[i]).total_cmp(&area(children[j]))) else {
+            break;
+        };
+        let [left, right] = children_of(children[largest]);
+        children[largest] = left;
+        children.push(right);
+    }
+    children
 }
 
 /// The box enlarged by 2^-22 of its greatest extent and a step: more than the triangle test moves corners, and
@@ -398,8 +442,13 @@ mod tests {
         if child.count > 0 {
             return 0;
         }
-        let [left, right] = nodes[child.first as usize].children.map(|c| depth(nodes, c));
-        1 + left.max(right)
+        1 + nodes[child.first as usize]
+            .children
+            .iter()
+            .filter(|c| c.first + c.count > 0)
+            .map(|&c| depth(nodes, c))
+            .max()
+            .unwrap_or(0)
     }
 
     #[test]
@@ -420,7 +469,8 @@ mod tests {
         }
         let mut packer = Packer::new(&tree, &boxes);
         let (root, bounds) = packer.copy(0, 0);
-        assert_eq!(depth(&packer.nodes, root), MAX_DEPTH);
+        // A chain of 1000 is cut where 5 more levels, log4 1000, still fit.
+        assert!(depth(&packer.nodes, root) > MAX_DEPTH - 5 && depth(&packer.nodes, root) <= MAX_DEPTH);
         assert_eq!(packer.order, tree.primitive_indices);
         assert!(bounds.min.max_element() <= 0.0 && bounds.max.min_element() >= count as f32);
     }
