@@ -7,3 +7,6 @@ mod query_embree;
 mod scene_builder;
 mod sampler;
 mod spherical;
+mod query;
+mod query_obvhs;
+mod support;

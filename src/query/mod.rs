@@ -5,10 +5,15 @@
 //! Integrators are generic over [`RayQuery`], so that a query costs no dynamic dispatch.
 
 pub mod analytic;
+mod backend;
 #[cfg(feature = "embree")]
 pub mod embree;
+pub mod obvhs;
+pub mod triangle;
 
-use glam::Vec3;
+pub use backend::{Backend, BackendError};
+
+use glam::{DVec3, Vec3};
 
 use crate::scene::{Aabb, Shape, SurfacePoint};
 
@@ -30,6 +35,40 @@ impl Ray {
     #[inline]
     pub fn new(o: Vec3, d: Vec3) -> Self {
         Self { o, d, t_min: 0.0, t_max: f32::INFINITY }
+    }
+
+    /// An unbounded ray that leaves a surface in direction `d` (unit length), on the side that `d` points to.
+    #[inline]
+    pub fn spawn(from: &SurfacePoint, d: Vec3) -> Self {
+        Self::new(from.offset_towards(d), d)
+    }
+
+    /// The ray from one surface point towards another that ends just short of it, for [`RayQuery::occluded`].
+    /// `None` if the two coincide to within their error bounds.
+    #[inline]
+    pub fn spawn_between(from: &SurfacePoint, to: &SurfacePoint) -> Option<Self> {
+        let line = to.p.as_dvec3() - from.p.as_dvec3();
+        Self::segment(from.offset_towards(line.as_vec3()), to.offset_towards(-line.as_vec3()), line)
+    }
+
+    /// The ray from a surface point towards the point `to`, which is on no surface, that ends just short of it.
+    /// `None` if the two coincide to within the error bound of `from`.
+    #[inline]
+    pub fn spawn_to_point(from: &SurfacePoint, to: Vec3) -> Option<Self> {
+        let line = to.as_dvec3() - from.p.as_dvec3();
+        Self::segment(from.offset_towards(line.as_vec3()), to, line)
+    }
+
+    /// The ray from `o` to just before `end`, if that still runs in the sense of `line`.
+    #[inline]
+    fn segment(o: Vec3, end: Vec3, line: DVec3) -> Option<Self> {
+        // In f64 neither the difference of two close points nor the square of a tiny distance is lost.
+        let span = end.as_dvec3() - o.as_dvec3();
+        let length = span.length();
+        let d = (span / length).as_vec3();
+        // Rounding of d and of the length moves the end by less than this.
+        let t_max = length as f32 * (1.0 - 4.0 * f32::EPSILON);
+        (span.dot(line) > 0.0 && t_max > 0.0).then_some(Self { o, d, t_min: 0.0, t_max })
     }
 }
 

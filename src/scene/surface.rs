@@ -28,6 +28,11 @@ pub struct SurfacePoint {
 /// a cross and a dot product, each rounded (Higham's gamma of 8 operations, times 2 for both ends of the segment).
 const PLANE_TEST_ERROR: f32 = 16.0 * (f32::EPSILON / 2.0);
 
+/// What a sphere needs besides the rounding of `p`, relative to its radius. Rounding of normal and direction lets a ray
+/// dip below the tangent plane by an angle of up to 2^-21; the sphere falls away beneath it if the ray starts half the square
+/// of that above. (The test itself is done in f64 and errs by less.)
+const SPHERE_TILT_ERROR: f32 = 1.0 / (1u64 << 42) as f32;
+
 impl SurfacePoint {
     /// The point with barycentric coordinates `u` (of the second corner) and `v` (of the third) on a triangle.
     #[inline]
@@ -92,9 +97,35 @@ impl SurfacePoint {
         // Normals go by the inverse transpose.
         let n = (analytic.to_object().matrix3.transpose() * n).normalize();
         let ng = if analytic.flip_normals() { -n } else { n }.as_vec3();
-        // The test is done in f64; only the rounding of p itself, here and in its use, is left.
-        let p_err = 4.0 * f32::EPSILON * p.abs().max_element();
+        let m = analytic.to_world().matrix3;
+        let extent = (m.x_axis.abs() + m.y_axis.abs() + m.z_axis.abs()).max_element() as f32;
+        let p_err = match analytic.kind() {
+            AnalyticKind::Sphere => 4.0 * f32::EPSILON * p.abs().max_element() + SPHERE_TILT_ERROR * extent,
+            // Straight lines lie in these: a direction rounded below the surface comes back to it across the whole extent.
+            AnalyticKind::Disk | AnalyticKind::Cylinder => {
+                PLANE_TEST_ERROR * (extent + p.abs().max_element())
+            }
+        };
         Self { p, p_err, ng, ns: ng, uv: Vec2::new(uv.0 as f32, uv.1 as f32), shape, primitive: 0 }
+    }
+
+    /// The point moved off the surface by its error bound, to the side that `d` points to.
+    #[inline]
+    pub fn offset_towards(&self, d: Vec3) -> Vec3 {
+        let side = if d.dot(self.ng) < 0.0 { -self.ng } else { self.ng };
+        let offset = side * self.p_err;
+        let away = |p: f32, offset: f32| {
+            let sum = p + offset;
+            // The sum may round back towards the surface; one step more undoes that.
+            if offset > 0.0 {
+                sum.next_up()
+            } else if offset < 0.0 {
+                sum.next_down()
+            } else {
+                sum
+            }
+        };
+        Vec3::new(away(self.p.x, offset.x), away(self.p.y, offset.y), away(self.p.z, offset.z))
     }
 
     /// The surface point of a hit at distance `t` along the ray from `o` in direction `d`.
