@@ -1,12 +1,15 @@
 //! The integration tests: one binary, a module per subject.
 
 mod analytic;
+mod analytic_shapes;
 mod backends;
+mod camera;
+mod lights;
+mod query;
 #[cfg(feature = "embree")]
 mod query_embree;
-mod scene_builder;
-mod sampler;
-mod spherical;
-mod query;
 mod query_obvhs;
+mod sampler;
+mod scene_builder;
+mod spherical;
 mod support;

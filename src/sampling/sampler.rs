@@ -13,7 +13,7 @@ const SEQUENCE_LENGTH_LOG2: u32 = 16;
 
 /// Mixes 64 bits (the finaliser of SplitMix64, Steele et al. 2014): every input bit affects every output bit.
 #[inline]
-fn mix(mut x: u64) -> u64 {
+pub fn mix(mut x: u64) -> u64 {
     x = (x ^ (x >> 30)).wrapping_mul(0xbf58_476d_1ce4_e5b9);
     x = (x ^ (x >> 27)).wrapping_mul(0x94d0_49bb_1331_11eb);
     x ^ (x >> 31)
