@@ -6,6 +6,7 @@
 
 mod analytic;
 mod camera;
+pub mod load;
 mod material;
 mod mesh;
 mod shape;

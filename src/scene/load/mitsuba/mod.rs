@@ -1,0 +1,348 @@
+//! Mitsuba 3 XML scenes.
+//!
+//! Loading goes in steps: [`xml`] turns text into a tree of objects with named values, knowing no plugin. Each object
+//! is then built by the entry for its plugin in the table of its category ([`shapes`], [`bsdfs`], [`emitters`],
+//! [`sensors`]), which reads its parameters through [`properties`]. Mesh files are collected on the way and loaded
+//! last, in parallel. To add a plugin is to add its entry to a table, and, if it is something new, to the scene.
+//!
+//! Values, defaults and geometry follow Mitsuba 3.9. Stricter than there: what would have no effect is an error.
+
+mod bsdfs;
+mod emitters;
+mod properties;
+mod sensors;
+mod shapes;
+mod values;
+mod xml;
+
+pub use properties::{Default, Description, Kind, Parameter};
+pub use xml::Category;
+
+use std::collections::HashMap;
+use std::path::Path;
+
+use rayon::prelude::*;
+
+use super::{DEFAULT_SAMPLE_COUNT, LoadError, Location, Log, bounds_of, default_film, framing_camera, push};
+use crate::scene::{
+    Camera, Emitter, FilmSettings, Filter, IntegratorSettings, Material, MaterialId, Rgb, Scene, Shape,
+};
+use emitters::Light;
+use properties::{Plugin, Properties, find};
+use shapes::Surface;
+use xml::{Document, Object, ObjectId, Span};
+
+/// Every supported plugin with its category, for documentation.
+pub fn supported() -> Vec<(Category, Description)> {
+    fn all<B>(category: Category, table: &[Plugin<B>]) -> impl Iterator<Item = (Category, Description)> {
+        table.iter().map(move |p| (category, p.description))
+    }
+    all(Category::Shape, shapes::PLUGINS)
+        .chain(all(Category::Bsdf, bsdfs::PLUGINS))
+        .chain(all(Category::Emitter, emitters::PLUGINS))
+        .chain(all(Category::Sensor, sensors::SENSORS))
+        .chain(all(Category::Film, sensors::FILMS))
+        .chain(all(Category::Rfilter, sensors::FILTERS))
+        .chain(all(Category::Sampler, sensors::SAMPLERS))
+        .collect()
+}
+
+/// Loads a scene file. `defines` are values of `$name` parameters.
+pub(super) fn load(path: &Path, defines: &[(String, String)], log: &mut Log) -> Result<Scene, LoadError> {
+    let document = Document::read(path, defines, log)?;
+    let mut builder = Builder {
+        document: &document,
+        log,
+        materials: Vec::new(),
+        material_ids: HashMap::new(),
+        default_material: None,
+        depth: 0,
+        shapes: Vec::new(),
+        emitters: Vec::new(),
+        sensor: None,
+        integrator: None,
+    };
+    for child in &document.roots {
+        builder.root(child.object, child.at)?;
+    }
+    builder.finish(path)
+}
+
+/// BSDFs nested in or referring to each other; building recurses.
+const MAX_BSDF_DEPTH: usize = 50;
+
+/// A shape whose geometry may yet have to be loaded.
+struct PlannedShape {
+    name: String,
+    surface: Surface,
+    material: MaterialId,
+    emission: Option<Rgb>,
+}
+
+struct Sensor {
+    camera: Camera,
+    film: FilmSettings,
+    sample_count: u32,
+}
+
+/// The scene in the making.
+struct Builder<'a> {
+    document: &'a Document,
+    log: &'a mut Log,
+    materials: Vec<Material>,
+    /// `None` while a BSDF is being built, which is how circles are noticed.
+    material_ids: HashMap<ObjectId, Option<MaterialId>>,
+    default_material: Option<MaterialId>,
+    depth: usize,
+    shapes: Vec<PlannedShape>,
+    emitters: Vec<Emitter>,
+    sensor: Option<Sensor>,
+    integrator: Option<IntegratorSettings>,
+}
+
+impl<'a> Builder<'a> {
+    fn error<T>(
+        &self,
+        at: Span,
+        found: impl Into<String>,
+        expected: impl Into<String>,
+    ) -> Result<T, LoadError> {
+        Err(self.document.error(at, found, expected))
+    }
+
+    fn note(&mut self, at: Span, message: impl Into<String>) {
+        self.log.note(self.document.locate(at), message);
+    }
+
+    /// The checked parameters of an object and its plugin's entry, if that is supported.
+    fn properties<B>(
+        &mut self,
+        table: &'static [Plugin<B>],
+        id: ObjectId,
+        substitute: &str,
+    ) -> Result<Option<(&'static B, Properties<'a>)>, LoadError> {
+        let object = self.document.object(id);
+        let Some(plugin) = find(table, object, self.document, substitute, self.log)? else { return Ok(None) };
+        let properties = Properties::new(self.document, object, plugin.description, self.log)?;
+        Ok(Some((&plugin.build, properties)))
+    }
+
+    /// An object directly in the scene.
+    fn root(&mut self, id: ObjectId, at: Span) -> Result<(), LoadError> {
+        let object = self.document.object(id);
+        match object.category {
+            Category::Shape => self.shape(id),
+            Category::Bsdf => self.material(id, at).map(drop),
+            Category::Emitter => self.free_emitter(id),
+            Category::Sensor => self.sensor(id),
+            Category::Integrator => self.integrator(object),
+            Category::Film | Category::Sampler | Category::Rfilter => {
+                self.error(at, format!("{} directly in the scene", object.category), "it within a sensor")
+            }
+            _ => {
+                let found = format!("{} `{}` is not supported", object.category, object.plugin);
+                let expected = xml::one_of(&["shape", "bsdf", "emitter", "sensor", "integrator"]);
+                self.log.unsupported(self.document.error(at, found, expected), "it is ignored")
+            }
+        }
+    }
+
+    /// The material of a BSDF; each is built once, however many refer to it.
+    fn material(&mut self, id: ObjectId, at: Span) -> Result<MaterialId, LoadError> {
+        match self.material_ids.get(&id) {
+            Some(Some(material)) => return Ok(*material),
+            Some(None) => return self.error(at, "a BSDF that contains itself", "no circular references"),
+            None => {}
+        }
+        if self.depth >= MAX_BSDF_DEPTH {
+            return self.error(at, "BSDFs in each other", format!("at most {MAX_BSDF_DEPTH} levels"));
+        }
+        self.material_ids.insert(id, None);
+        self.depth += 1;
+        let material = match self.properties(bsdfs::PLUGINS, id, "diffuse with reflectance 0.5")? {
+            Some((build, properties)) => {
+                let material = build(&properties, self)?;
+                properties.finish()?;
+                push(&mut self.materials, material)
+            }
+            None => self.default_material(),
+        };
+        self.depth -= 1;
+        self.material_ids.insert(id, Some(material));
+        Ok(material)
+    }
+
+    fn default_material(&mut self) -> MaterialId {
+        *self.default_material.get_or_insert_with(|| push(&mut self.materials, super::GREY))
+    }
+
+    fn shape(&mut self, id: ObjectId) -> Result<(), LoadError> {
+        let Some((build, properties)) = self.properties(shapes::PLUGINS, id, "the shape is left out")? else {
+            return Ok(());
+        };
+        let object = properties.object;
+        let material = match properties.optional_object(Category::Bsdf)? {
+            Some(bsdf) => self.material(bsdf, object.at)?,
+            None => self.default_material(),
+        };
+        let emission = match properties.optional_object(Category::Emitter)? {
+            Some(emitter) => self.emission(emitter)?,
+            None => None,
+        };
+        let surface = build(&properties)?;
+        properties.finish()?;
+        let name = object.id.clone().unwrap_or_else(|| format!("{}-{}", object.plugin, self.shapes.len()));
+        self.shapes.push(PlannedShape { name, surface, material, emission });
+        Ok(())
+    }
+
+    fn light(&mut self, id: ObjectId) -> Result<Option<Light>, LoadError> {
+        let Some((build, properties)) = self.properties(emitters::PLUGINS, id, "the light is left out")?
+        else {
+            return Ok(None);
+        };
+        let light = build(&properties)?;
+        properties.finish()?;
+        Ok(Some(light))
+    }
+
+    /// The radiance of an emitter that is part of a shape.
+    fn emission(&mut self, id: ObjectId) -> Result<Option<Rgb>, LoadError> {
+        let object = self.document.object(id);
+        match self.light(id)? {
+            Some(Light::Area { radiance }) => Ok(Some(radiance)),
+            Some(Light::Free(_)) => {
+                self.error(object.at, format!("emitter `{}` in a shape", object.plugin), "an `area` emitter")
+            }
+            None => Ok(None),
+        }
+    }
+
+    fn free_emitter(&mut self, id: ObjectId) -> Result<(), LoadError> {
+        let at = self.document.object(id).at;
+        match self.light(id)? {
+            Some(Light::Area { .. }) => {
+                self.error(at, "an `area` emitter outside of shapes", "it within a shape")
+            }
+            Some(Light::Free(emitter)) => {
+                let is_constant = |e: &Emitter| matches!(e, Emitter::Constant { .. });
+                if is_constant(&emitter) && self.emitters.iter().any(is_constant) {
+                    return self.error(at, "a second environment", "at most one `constant` emitter");
+                }
+                self.emitters.push(emitter);
+                Ok(())
+            }
+            None => Ok(()),
+        }
+    }
+
+    fn sensor(&mut self, id: ObjectId) -> Result<(), LoadError> {
+        let at = self.document.object(id).at;
+        let substitute = "a camera that frames the scene is used";
+        let Some((build, properties)) = self.properties(sensors::SENSORS, id, substitute)? else {
+            return Ok(());
+        };
+        let camera = build(&properties)?;
+        let film = match properties.optional_object(Category::Film)? {
+            Some(film) => self.film(film)?,
+            None => default_film(),
+        };
+        let sample_count = match properties.optional_object(Category::Sampler)? {
+            Some(sampler) => self.sampler(sampler)?,
+            None => DEFAULT_SAMPLE_COUNT,
+        };
+        properties.finish()?;
+        if self.sensor.is_some() {
+            self.note(at, "only the first sensor of the scene is used");
+        } else {
+            self.sensor = Some(Sensor { camera, film, sample_count });
+        }
+        Ok(())
+    }
+
+    fn film(&mut self, id: ObjectId) -> Result<FilmSettings, LoadError> {
+        let Some((build, properties)) = self.properties(sensors::FILMS, id, "hdrfilm of 768 x 576 pixels")?
+        else {
+            return Ok(default_film());
+        };
+        let mut film = build(&properties)?;
+        if let Some(filter) = properties.optional_object(Category::Rfilter)? {
+            film.filter = self.filter(filter)?;
+        }
+        properties.finish()?;
+        Ok(film)
+    }
+
+    fn filter(&mut self, id: ObjectId) -> Result<Filter, LoadError> {
+        let Some((build, properties)) = self.properties(sensors::FILTERS, id, "gaussian")? else {
+            return Ok(default_film().filter);
+        };
+        let filter = build(&properties)?;
+        properties.finish()?;
+        Ok(filter)
+    }
+
+    fn sampler(&mut self, id: ObjectId) -> Result<u32, LoadError> {
+        let Some((build, properties)) = self.properties(sensors::SAMPLERS, id, "4 samples per pixel")? else {
+            return Ok(DEFAULT_SAMPLE_COUNT);
+        };
+        let count = build(&properties, self.log)?;
+        properties.finish()?;
+        Ok(count)
+    }
+
+    /// Integrators are known above the scene; their parameters stay text.
+    fn integrator(&mut self, object: &Object) -> Result<(), LoadError> {
+        if self.integrator.is_some() {
+            return self.error(object.at, "a second integrator", "at most one");
+        }
+        if let Some(child) = object.children.first() {
+            let inner = self.document.object(child.object);
+            let found = format!("{} `{}` in integrator `{}`", inner.category, inner.plugin, object.plugin);
+            let error = self.document.error(child.at, found, "an integrator with values only");
+            self.log.unsupported(error, "it is ignored")?;
+        }
+        let parameters = object.properties.iter().map(|p| (p.name.clone(), p.text.clone())).collect();
+        self.integrator = Some(IntegratorSettings { name: Some(object.plugin.clone()), parameters });
+        Ok(())
+    }
+
+    /// Loads the meshes and puts the scene together.
+    fn finish(self, path: &Path) -> Result<Scene, LoadError> {
+        let log = self.log;
+        let lenient = log.lenient;
+        let loaded: Vec<_> = self
+            .shapes
+            .into_par_iter()
+            .map(|shape| {
+                let mut log = Log { lenient, ..Log::default() };
+                let geometry = match shape.surface {
+                    Surface::Ready(geometry) => Ok(geometry),
+                    Surface::File(file) => file.load(&mut log),
+                };
+                let PlannedShape { name, material, emission, .. } = shape;
+                (geometry.map(|geometry| Shape { name, geometry, material, emission }), log)
+            })
+            .collect();
+        let mut shapes = Vec::with_capacity(loaded.len());
+        // In the order of the file, so that which error is reported does not depend on threads.
+        for (shape, messages) in loaded {
+            log.absorb(messages);
+            shapes.push(shape?);
+        }
+        let sensor = self.sensor.unwrap_or_else(|| {
+            log.note(Location::file(path), "the scene has no sensor: using a camera that frames its shapes");
+            let camera = framing_camera(bounds_of(&shapes));
+            Sensor { camera, film: default_film(), sample_count: DEFAULT_SAMPLE_COUNT }
+        });
+        Ok(Scene {
+            shapes,
+            materials: self.materials,
+            emitters: self.emitters,
+            camera: sensor.camera,
+            film: sensor.film,
+            integrator: self.integrator.unwrap_or_default(),
+            sample_count: sensor.sample_count,
+        })
+    }
+}

@@ -1,0 +1,487 @@
+//! Tables of plugins and their parameters, and the reader through which a plugin asks for their values.
+//!
+//! A plugin is one entry in the table of its category: its name, a line of help, its parameters with types and defaults,
+//! and the function that builds it. Everything else follows from the entry: unknown parameters and wrong types are
+//! found, error messages list what is supported, and defaults are filled in.
+
+use std::cell::RefCell;
+
+use glam::{DAffine3, DVec3, Vec3};
+
+use super::super::{LoadError, Location, Log};
+use super::values::{Color, Value};
+use super::xml::{Category, Document, Object, ObjectId, Property, Span, one_of};
+use crate::scene::Rgb;
+
+/// Type of a parameter.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub enum Kind {
+    /// A number.
+    Float,
+    /// A whole number.
+    Integer,
+    /// `true` or `false`.
+    Boolean,
+    /// Text.
+    String,
+    /// A number, or a text that names or contains one.
+    FloatOrString,
+    /// Three numbers.
+    Vector,
+    /// A reflectance or transmittance: colour or number in [0, 1].
+    Reflectance,
+    /// A radiance or intensity: colour or number, 0 or more; a flat spectrum is the equal-energy white, which is not
+    /// the white of RGB.
+    Emission,
+    /// A colour or number without bound, such as an index of refraction.
+    Unbounded,
+    /// A transform.
+    Transform,
+    /// A nested object of a category, under any name.
+    Object(Category),
+}
+
+impl Kind {
+    /// The XML elements that give such a parameter.
+    pub fn elements(self) -> String {
+        match self {
+            Self::Float => "float".to_owned(),
+            Self::Integer => "integer".to_owned(),
+            Self::Boolean => "boolean".to_owned(),
+            Self::String => "string".to_owned(),
+            Self::FloatOrString => "float or string".to_owned(),
+            Self::Vector => "point or vector".to_owned(),
+            Self::Reflectance | Self::Emission | Self::Unbounded => "rgb, spectrum or float".to_owned(),
+            Self::Transform => "transform".to_owned(),
+            Self::Object(category) => category.to_string(),
+        }
+    }
+
+    fn accepts(self, value: &Value) -> bool {
+        match value {
+            Value::Integer(_) => {
+                matches!(self, Self::Float | Self::Integer | Self::FloatOrString) || self.is_color()
+            }
+            Value::Float(_) => matches!(self, Self::Float | Self::FloatOrString) || self.is_color(),
+            Value::Boolean(_) => self == Self::Boolean,
+            Value::String(_) => matches!(self, Self::String | Self::FloatOrString),
+            Value::Vector(_) => self == Self::Vector,
+            Value::Color(_) => self.is_color(),
+            Value::Transform(_) => self == Self::Transform,
+        }
+    }
+
+    fn is_color(self) -> bool {
+        matches!(self, Self::Reflectance | Self::Emission | Self::Unbounded)
+    }
+}
+
+/// What a parameter is if the scene does not give it.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub enum Default {
+    /// The plugin needs it.
+    Required,
+    /// Something that depends on other parameters; the help says what.
+    Unset,
+    /// This value, as the scene would write it.
+    Value(&'static str),
+}
+
+/// A parameter of a plugin.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub struct Parameter {
+    /// As the scene names it; empty for nested objects, which may have any name.
+    pub name: &'static str,
+    /// Its type.
+    pub kind: Kind,
+    /// Its default.
+    pub default: Default,
+    /// What it does, in a line.
+    pub help: &'static str,
+}
+
+impl Parameter {
+    /// With a default value.
+    pub(super) const fn new(
+        name: &'static str,
+        kind: Kind,
+        default: &'static str,
+        help: &'static str,
+    ) -> Self {
+        Self { name, kind, default: Default::Value(default), help }
+    }
+
+    /// Without a default value of its own.
+    pub(super) const fn optional(name: &'static str, kind: Kind, help: &'static str) -> Self {
+        Self { name, kind, default: Default::Unset, help }
+    }
+
+    pub(super) const fn required(name: &'static str, kind: Kind, help: &'static str) -> Self {
+        Self { name, kind, default: Default::Required, help }
+    }
+
+    pub(super) const fn object(category: Category, help: &'static str) -> Self {
+        Self { name: "", kind: Kind::Object(category), default: Default::Unset, help }
+    }
+}
+
+/// What there is to say about a plugin, for messages and tables.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub struct Description {
+    /// The `type` by which scenes name it.
+    pub name: &'static str,
+    /// What it is, in a line.
+    pub help: &'static str,
+    /// Its parameters, in groups that plugins share.
+    pub parameters: &'static [&'static [Parameter]],
+}
+
+impl Description {
+    /// All parameters.
+    pub fn parameters(&self) -> impl Iterator<Item = &'static Parameter> {
+        self.parameters.iter().copied().flatten()
+    }
+}
+
+/// An entry in the table of a category; `build` makes the plugin.
+pub(super) struct Plugin<Build> {
+    pub(super) description: Description,
+    pub(super) build: Build,
+}
+
+impl<Build> Plugin<Build> {
+    pub(super) const fn new(
+        name: &'static str,
+        help: &'static str,
+        parameters: &'static [&'static [Parameter]],
+        build: Build,
+    ) -> Self {
+        Self { description: Description { name, help, parameters }, build }
+    }
+}
+
+/// The plugin that an object names. `None`, with a warning, if it is not supported but lenience lets it pass.
+pub(super) fn find<Build>(
+    table: &'static [Plugin<Build>],
+    object: &Object,
+    document: &Document,
+    substitute: &str,
+    log: &mut Log,
+) -> Result<Option<&'static Plugin<Build>>, LoadError> {
+    if let Some(plugin) = table.iter().find(|p| p.description.name == object.plugin) {
+        return Ok(Some(plugin));
+    }
+    let names: Vec<_> = table.iter().map(|p| p.description.name).collect();
+    let found = format!("{} `{}` is not supported", object.category, object.plugin);
+    log.unsupported(document.error(object.at, found, one_of(&names)), substitute)?;
+    Ok(None)
+}
+
+/// The parameters of one object, checked against the plugin's table.
+pub(super) struct Properties<'a> {
+    pub(super) document: &'a Document,
+    pub(super) object: &'a Object,
+    description: Description,
+    /// Names of parameters that lenience ignores or that the plugin asked for.
+    used: RefCell<Vec<&'a str>>,
+}
+
+impl<'a> Properties<'a> {
+    /// Checks names and types of all parameters and nested objects.
+    pub(super) fn new(
+        document: &'a Document,
+        object: &'a Object,
+        description: Description,
+        log: &mut Log,
+    ) -> Result<Self, LoadError> {
+        let properties = Self { document, object, description, used: RefCell::default() };
+        for property in &object.properties {
+            properties.check_property(property, log)?;
+        }
+        for child in &object.children {
+            properties.check_child(child.name.as_deref(), child.at, document.object(child.object), log)?;
+        }
+        Ok(properties)
+    }
+
+    fn check_property(&self, property: &'a Property, log: &mut Log) -> Result<(), LoadError> {
+        let Some(parameter) = self.description.parameters().find(|p| p.name == property.name) else {
+            self.used.borrow_mut().push(&property.name);
+            let found = format!("parameter `{}` of {} is not supported", property.name, self.title());
+            return log.unsupported(self.document.error(property.at, found, self.choices()), "it is ignored");
+        };
+        if !parameter.kind.accepts(&property.value) {
+            let found =
+                format!("parameter `{}` of {} as <{}>", property.name, self.title(), property.value.tag());
+            return Err(self.document.error(property.at, found, parameter.kind.elements()));
+        }
+        if let Value::Color(Color::Wavelengths(_)) = property.value {
+            let found = format!("`{}` by wavelengths is not supported", property.name);
+            let expected = "<rgb>, or <spectrum> with one number";
+            return log.unsupported(
+                self.document.error(property.at, found, expected),
+                "the mean of its values is used",
+            );
+        }
+        Ok(())
+    }
+
+    fn check_child(
+        &self,
+        name: Option<&str>,
+        at: Span,
+        child: &Object,
+        log: &mut Log,
+    ) -> Result<(), LoadError> {
+        if self.description.parameters().any(|p| p.kind == Kind::Object(child.category)) {
+            return Ok(());
+        }
+        let named = name.map(|n| format!(" as `{n}`")).unwrap_or_default();
+        let found =
+            format!("{} `{}`{named} in {} is not supported", child.category, child.plugin, self.title());
+        let parameter = self.description.parameters().find(|p| Some(p.name) == name && p.kind.is_color());
+        let substitute = match parameter.map(|p| p.default) {
+            Some(Default::Value(value)) => format!("`{value}` is used"),
+            _ => "it is ignored".to_owned(),
+        };
+        let expected = parameter.map_or_else(|| self.choices(), |p| p.kind.elements());
+        log.unsupported(self.document.error(at, found, expected), &substitute)
+    }
+
+    /// Category and name.
+    fn title(&self) -> String {
+        format!("{} `{}`", self.object.category, self.description.name)
+    }
+
+    /// The names of all parameters and nested objects.
+    fn choices(&self) -> String {
+        let names: Vec<String> = self
+            .description
+            .parameters()
+            .map(|p| if p.name.is_empty() { format!("<{}>", p.kind.elements()) } else { p.name.to_owned() })
+            .collect();
+        if names.is_empty() {
+            "no parameters".to_owned()
+        } else {
+            one_of(&names.iter().map(String::as_str).collect::<Vec<_>>())
+        }
+    }
+
+    /// Whether all given parameters were asked for; the others have no effect in this combination.
+    pub(super) fn finish(&self) -> Result<(), LoadError> {
+        let used = self.used.borrow();
+        let unused = self.object.properties.iter().find(|p| !used.contains(&p.name.as_str()));
+        unused.map_or(Ok(()), |p| {
+            let found = format!("parameter `{}` of {} has no effect beside the others", p.name, self.title());
+            Err(self.document.error(p.at, found, "only parameters that have an effect"))
+        })
+    }
+
+    /// An error at a parameter, or at the object if the parameter is a default.
+    pub(super) fn error(
+        &self,
+        name: &str,
+        found: impl Into<String>,
+        expected: impl Into<String>,
+    ) -> LoadError {
+        self.document.error(self.span(name), found, expected)
+    }
+
+    /// An error about the value of a parameter.
+    pub(super) fn bad_value(&self, name: &str, expected: impl Into<String>) -> LoadError {
+        let text = self.object.properties.iter().find(|p| p.name == name).map_or("a default", |p| &p.text);
+        self.error(name, format!("`{name}` is {text}"), expected)
+    }
+
+    /// Whether the scene gives a parameter. This does not count as asking for it.
+    pub(super) fn has(&self, name: &str) -> bool {
+        self.object.properties.iter().any(|p| p.name == name)
+    }
+
+    /// Counts a parameter as asked for, though it has no effect.
+    pub(super) fn ignore(&self, name: &str) {
+        let _ = self.given(name);
+    }
+
+    /// Where a parameter is given, or else the object.
+    pub(super) fn locate(&self, name: &str) -> Location {
+        self.document.locate(self.span(name))
+    }
+
+    fn span(&self, name: &str) -> Span {
+        self.object.properties.iter().find(|p| p.name == name).map_or(self.object.at, |p| p.at)
+    }
+
+    /// Two parameters of which at most one may be given.
+    pub(super) fn exclusive(&self, a: &str, b: &str) -> Result<(), LoadError> {
+        if self.has(a) && self.has(b) {
+            return Err(self.error(b, format!("both `{a}` and `{b}`"), "one of them"));
+        }
+        Ok(())
+    }
+
+    /// The value that the scene gives.
+    fn given(&self, name: &str) -> Option<&'a Property> {
+        let property = self.object.properties.iter().find(|p| p.name == name)?;
+        self.used.borrow_mut().push(&property.name);
+        Some(property)
+    }
+
+    fn value(&self, name: &str) -> Option<&'a Value> {
+        self.given(name).map(|p| &p.value)
+    }
+
+    /// The text of a default. Asking for a parameter that the table does not have is an error in this program, found
+    /// by the test that builds every plugin.
+    fn default(&self, name: &str) -> Result<&'static str, LoadError> {
+        let parameter = self.description.parameters().find(|p| p.name == name);
+        match parameter.map(|p| p.default) {
+            Some(Default::Value(text)) => Ok(text),
+            Some(Default::Required) => Err(self.error(
+                name,
+                format!("{} without `{name}`", self.title()),
+                format!("a parameter `{name}`"),
+            )),
+            Some(Default::Unset) | None => unreachable!("`{name}` of {} has no default", self.title()),
+        }
+    }
+
+    fn default_number(&self, name: &str) -> Result<f64, LoadError> {
+        let text = self.default(name)?;
+        text.parse().map_err(|_| self.error(name, format!("default `{text}`"), "a number"))
+    }
+
+    /// A number, if the scene gives it.
+    pub(super) fn optional_float(&self, name: &str) -> Option<f64> {
+        match self.value(name)? {
+            Value::Float(x) => Some(*x),
+            Value::Integer(i) => Some(*i as f64),
+            _ => None,
+        }
+    }
+
+    /// A number.
+    pub(super) fn float(&self, name: &str) -> Result<f64, LoadError> {
+        self.optional_float(name).map_or_else(|| self.default_number(name), Ok)
+    }
+
+    /// A number above 0 that is above 0 in single precision too.
+    pub(super) fn positive(&self, name: &str) -> Result<f64, LoadError> {
+        let x = self.float(name)?;
+        let single = x as f32;
+        if single > 0.0 && single.is_finite() { Ok(x) } else { Err(self.bad_value(name, "a number above 0")) }
+    }
+
+    /// A whole number between bounds that fit it.
+    pub(super) fn integer<T: TryFrom<i64>>(&self, name: &str, expected: &str) -> Result<T, LoadError> {
+        let number = match self.value(name) {
+            Some(Value::Integer(i)) => *i,
+            _ => self.default_number(name)? as i64,
+        };
+        T::try_from(number).map_err(|_| self.bad_value(name, expected))
+    }
+
+    /// A switch.
+    pub(super) fn boolean(&self, name: &str) -> Result<bool, LoadError> {
+        match self.value(name) {
+            Some(Value::Boolean(b)) => Ok(*b),
+            _ => Ok(self.default(name)? == "true"),
+        }
+    }
+
+    /// A text, if the scene gives it.
+    pub(super) fn optional_string(&self, name: &str) -> Option<&'a str> {
+        match self.value(name)? {
+            Value::String(s) => Some(s),
+            _ => None,
+        }
+    }
+
+    /// A text.
+    pub(super) fn string(&self, name: &str) -> Result<&'a str, LoadError> {
+        self.optional_string(name).map_or_else(|| self.default(name), Ok)
+    }
+
+    /// A text among `choices`.
+    pub(super) fn choice<T: Copy>(&self, name: &str, choices: &[(&str, T)]) -> Result<T, LoadError> {
+        let text = self.string(name)?;
+        let names: Vec<_> = choices.iter().map(|(n, _)| *n).collect();
+        let chosen = choices.iter().find(|(n, _)| *n == text).map(|(_, c)| *c);
+        chosen.ok_or_else(|| self.bad_value(name, one_of(&names)))
+    }
+
+    /// Three numbers, if the scene gives them.
+    pub(super) fn optional_vector(&self, name: &str) -> Option<DVec3> {
+        match self.value(name)? {
+            Value::Vector(v) => Some(*v),
+            _ => None,
+        }
+    }
+
+    /// A transform; the identity by default.
+    pub(super) fn transform(&self, name: &str) -> DAffine3 {
+        match self.value(name) {
+            Some(Value::Transform(t)) => *t,
+            _ => DAffine3::IDENTITY,
+        }
+    }
+
+    /// A colour, within the bounds of its kind.
+    pub(super) fn color(&self, name: &str) -> Result<Rgb, LoadError> {
+        let parameter = self.description.parameters().find(|p| p.name == name);
+        let kind = parameter.map_or(Kind::Unbounded, |p| p.kind);
+        let color = match self.value(name) {
+            Some(Value::Color(Color::Rgb(c))) => *c,
+            // Equal energy at all wavelengths is no RGB white; Mitsuba makes the difference for emitters alone.
+            Some(Value::Color(Color::Flat(x) | Color::Wavelengths(x))) if kind == Kind::Emission => {
+                *x * EQUAL_ENERGY
+            }
+            Some(Value::Color(Color::Flat(x) | Color::Wavelengths(x)) | Value::Float(x)) => DVec3::splat(*x),
+            Some(Value::Integer(i)) => DVec3::splat(*i as f64),
+            _ => DVec3::splat(self.default_number(name)?),
+        };
+        let (highest, expected) = match kind {
+            Kind::Reflectance => (1.0, "values between 0 and 1"),
+            _ => (f64::from(f32::MAX), "values of 0 or more within single precision"),
+        };
+        if color.min_element() < 0.0 || color.max_element() > highest {
+            return Err(self.bad_value(name, expected));
+        }
+        Ok(Vec3::new(color.x as f32, color.y as f32, color.z as f32))
+    }
+
+    /// A number given as such or by a text.
+    pub(super) fn float_or_string(&self, name: &str) -> Result<Result<f64, &'a str>, LoadError> {
+        match self.value(name) {
+            Some(Value::Float(x)) => Ok(Ok(*x)),
+            Some(Value::Integer(i)) => Ok(Ok(*i as f64)),
+            Some(Value::String(s)) => Ok(Err(s)),
+            _ => self.default(name).map(Err),
+        }
+    }
+
+    /// The nested objects of a category.
+    pub(super) fn objects(&self, category: Category) -> impl Iterator<Item = (ObjectId, Span)> {
+        let children = self.object.children.iter();
+        children
+            .filter(move |c| self.document.object(c.object).category == category)
+            .map(|c| (c.object, c.at))
+    }
+
+    /// The only nested object of a category, if any.
+    pub(super) fn optional_object(&self, category: Category) -> Result<Option<ObjectId>, LoadError> {
+        let mut objects = self.objects(category);
+        let first = objects.next();
+        match objects.next() {
+            Some((_, at)) => {
+                let found = format!("a second {category} in {}", self.title());
+                Err(self.document.error(at, found, format!("at most one {category}")))
+            }
+            None => Ok(first.map(|(id, _)| id)),
+        }
+    }
+}
+
+/// XYZ = (1, 1, 1) in linear Rec. 709, which is what Mitsuba's RGB variants make of `<spectrum value="1"/>` in emitters:
+/// the row sums of the matrix from XYZ.
+const EQUAL_ENERGY: DVec3 = DVec3::new(1.204_794, 0.948_291, 0.908_916);

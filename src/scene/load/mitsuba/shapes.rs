@@ -1,0 +1,188 @@
+//! The `shape` plugins.
+
+use std::path::PathBuf;
+
+use glam::{DAffine3, DVec3, Vec2, Vec3};
+
+use super::super::mesh::{Normals, Placement, RawMesh};
+use super::super::{LoadError, Location, Log, obj, ply};
+use super::properties::{Kind, Parameter, Plugin, Properties};
+use super::values::tangent_frame;
+use super::xml::Category;
+use crate::scene::{AnalyticKind, AnalyticShape, Geometry, TriangleMesh};
+
+pub(super) type Build = fn(&Properties) -> Result<Surface, LoadError>;
+
+/// A geometry, or the file from which it can be loaded, independently of all others.
+pub(super) enum Surface {
+    Ready(Geometry),
+    File(MeshFile),
+}
+
+/// A mesh that is to be loaded.
+pub(super) struct MeshFile {
+    path: PathBuf,
+    load: fn(&std::path::Path, &Location, &Placement, &mut Log) -> Result<Geometry, LoadError>,
+    placement: Placement,
+    /// Where the scene names the file.
+    from: Location,
+}
+
+impl MeshFile {
+    pub(super) fn load(&self, log: &mut Log) -> Result<Geometry, LoadError> {
+        (self.load)(&self.path, &self.from, &self.placement, log)
+    }
+}
+
+pub(super) const PLUGINS: &[Plugin<Build>] = &[
+    Plugin::new(
+        "obj",
+        "mesh from a Wavefront OBJ file",
+        &[MESH_FILE, &[Parameter::new("flip_tex_coords", Kind::Boolean, "true", "turn v to 1 - v")], COMMON],
+        |p| mesh_file(p, obj::load_mesh),
+    ),
+    Plugin::new(
+        "ply",
+        "mesh from a PLY file",
+        &[MESH_FILE, &[Parameter::new("flip_tex_coords", Kind::Boolean, "false", "turn v to 1 - v")], COMMON],
+        |p| mesh_file(p, ply::load_mesh),
+    ),
+    Plugin::new("rectangle", "[-1, 1]^2 in the xy plane, normal +z", &[COMMON], |p| {
+        quads(p, &[(Vec3::Z, [[-1, -1, 0], [1, -1, 0], [1, 1, 0], [-1, 1, 0]])], RECTANGLE_UVS)
+    }),
+    Plugin::new("cube", "[-1, 1]^3, normals outwards", &[COMMON], |p| quads(p, &CUBE, CUBE_UVS)),
+    Plugin::new(
+        "sphere",
+        "sphere, normal outwards",
+        &[
+            &[
+                Parameter::optional("center", Kind::Vector, "by default the origin"),
+                Parameter::new("radius", Kind::Float, "1", "in object space"),
+            ],
+            COMMON,
+        ],
+        |p| {
+            let radius = p.positive("radius")?;
+            let center = p.optional_vector("center").unwrap_or(DVec3::ZERO);
+            let local = DAffine3::from_translation(center) * DAffine3::from_scale(DVec3::splat(radius));
+            analytic(p, AnalyticKind::Sphere, local)
+        },
+    ),
+    Plugin::new("disk", "unit disk in the xy plane, normal +z", &[COMMON], |p| {
+        analytic(p, AnalyticKind::Disk, DAffine3::IDENTITY)
+    }),
+    Plugin::new(
+        "cylinder",
+        "open cylinder, normal outwards",
+        &[
+            &[
+                Parameter::optional("p0", Kind::Vector, "start of the axis, by default the origin"),
+                Parameter::optional("p1", Kind::Vector, "end of the axis, by default (0, 0, 1)"),
+                Parameter::new("radius", Kind::Float, "1", "in object space"),
+            ],
+            COMMON,
+        ],
+        cylinder,
+    ),
+];
+
+const COMMON: &[Parameter] = &[
+    Parameter::optional("to_world", Kind::Transform, "object space to world space"),
+    Parameter::new("flip_normals", Kind::Boolean, "false", "turn normals over"),
+    Parameter::object(Category::Bsdf, "what the surface is made of, by default diffuse"),
+    Parameter::object(Category::Emitter, "an `area` emitter"),
+];
+
+const MESH_FILE: &[Parameter] = &[
+    Parameter::required("filename", Kind::String, "beside the scene, or in a <path>"),
+    Parameter::new("face_normals", Kind::Boolean, "false", "flat, instead of the file's or smooth normals"),
+];
+
+fn mesh_file(
+    p: &Properties,
+    load: fn(&std::path::Path, &Location, &Placement, &mut Log) -> Result<Geometry, LoadError>,
+) -> Result<Surface, LoadError> {
+    let path = p.document.resolve_path(p.string("filename")?, p.object.at);
+    let normals = if p.boolean("face_normals")? { Normals::Flat } else { Normals::GivenOrSmooth };
+    let placement = Placement {
+        to_world: p.transform("to_world"),
+        normals,
+        flip_normals: p.boolean("flip_normals")?,
+        flip_v: p.boolean("flip_tex_coords")?,
+    };
+    Ok(Surface::File(MeshFile { path, load, placement, from: p.document.locate(p.object.at) }))
+}
+
+/// A face's normal and its corners.
+type Quad = (Vec3, [[i8; 3]; 4]);
+
+const RECTANGLE_UVS: [Vec2; 4] = [Vec2::ZERO, Vec2::X, Vec2::ONE, Vec2::Y];
+
+/// The faces of the cube with corners in Mitsuba's order, on which texture coordinates depend.
+const CUBE: [Quad; 6] = [
+    (Vec3::NEG_Y, [[1, -1, -1], [1, -1, 1], [-1, -1, 1], [-1, -1, -1]]),
+    (Vec3::Y, [[1, 1, -1], [-1, 1, -1], [-1, 1, 1], [1, 1, 1]]),
+    (Vec3::X, [[1, -1, -1], [1, 1, -1], [1, 1, 1], [1, -1, 1]]),
+    (Vec3::Z, [[1, -1, 1], [1, 1, 1], [-1, 1, 1], [-1, -1, 1]]),
+    (Vec3::NEG_X, [[-1, -1, 1], [-1, 1, 1], [-1, 1, -1], [-1, -1, -1]]),
+    (Vec3::NEG_Z, [[1, 1, -1], [1, -1, -1], [-1, -1, -1], [-1, 1, -1]]),
+];
+
+const CUBE_UVS: [Vec2; 4] = [Vec2::Y, Vec2::ONE, Vec2::X, Vec2::ZERO];
+
+/// A mesh of squares with a normal per vertex, which keeps its side under reflections.
+fn quads(p: &Properties, faces: &[Quad], uvs: [Vec2; 4]) -> Result<Surface, LoadError> {
+    let mut mesh = RawMesh::default();
+    for (normal, corners) in faces {
+        let first = mesh.positions.len() as u32;
+        mesh.positions.extend(corners.map(|c| Vec3::from(c.map(f32::from))));
+        mesh.normals.extend([*normal; 4]);
+        mesh.uvs.extend(uvs);
+        mesh.push_polygon(&[first, first + 1, first + 2, first + 3]);
+    }
+    let placement = Placement {
+        to_world: p.transform("to_world"),
+        normals: Normals::Given,
+        flip_normals: p.boolean("flip_normals")?,
+        flip_v: false,
+    };
+    let mesh =
+        mesh.place(&placement).map_err(|e| p.error("to_world", e.to_string(), "a smaller transform"))?;
+    Ok(Surface::Ready(Geometry::Mesh(mesh)))
+}
+
+fn cylinder(p: &Properties) -> Result<Surface, LoadError> {
+    let radius = p.positive("radius")?;
+    let p0 = p.optional_vector("p0").unwrap_or(DVec3::ZERO);
+    let axis = p.optional_vector("p1").unwrap_or(DVec3::Z) - p0;
+    let Some(direction) = axis.try_normalize() else {
+        return Err(p.error("p1", "a cylinder of length 0", "p0 and p1 apart"));
+    };
+    let local = DAffine3::from_mat3_translation(tangent_frame(direction), p0)
+        * DAffine3::from_scale(DVec3::new(radius, radius, axis.length()));
+    analytic(p, AnalyticKind::Cylinder, local)
+}
+
+/// The unit shape under `local` and then `to_world`.
+fn analytic(p: &Properties, kind: AnalyticKind, local: DAffine3) -> Result<Surface, LoadError> {
+    let to_world = p.transform("to_world") * local;
+    let shape = AnalyticShape::new(kind, to_world, p.boolean("flip_normals")?).ok_or_else(|| {
+        let expected = match kind {
+            AnalyticKind::Sphere => "rotation, translation and even scale",
+            AnalyticKind::Disk => "rotation, translation and scale along the axes, without shear",
+            AnalyticKind::Cylinder => "rotation, translation, and the same scale along x and y",
+        };
+        p.error("to_world", format!("`to_world` distorts the {}", p.object.plugin), expected)
+    })?;
+    let bounds = shape.bounds();
+    let farthest = bounds.min.abs().max(bounds.max.abs()).max_element();
+    if farthest.is_nan() || farthest >= TriangleMesh::COORDINATE_LIMIT {
+        let expected = format!("coordinates below {:e}", TriangleMesh::COORDINATE_LIMIT);
+        return Err(p.error(
+            "to_world",
+            format!("a {} that reaches to {farthest:e}", p.object.plugin),
+            expected,
+        ));
+    }
+    Ok(Surface::Ready(Geometry::Analytic(shape)))
+}

@@ -1,0 +1,212 @@
+//! Loaders: text or bytes in, a [`Scene`] or a located error out.
+//!
+//! [`load`] picks the loader by the file's extension: Mitsuba 3 XML ([`mitsuba`]), Wavefront OBJ with MTL, or PLY.
+//! A bare mesh gets a neutral sky and a camera that frames it. Input is hostile: whatever the bytes are, a loader
+//! returns in time and memory proportional to the files' size.
+//!
+//! Loaders do not judge what the renderer makes of a scene: integrators stay text, and nothing is derived.
+
+mod error;
+mod mesh;
+pub mod mitsuba;
+mod mtl;
+mod obj;
+mod ply;
+
+pub use error::{LoadError, Location, Position, Severity, Warning};
+
+use std::fs;
+use std::path::{Path, PathBuf};
+
+use glam::{DAffine3, DMat3, DVec3, UVec2, Vec3};
+
+use super::{
+    Aabb, Camera, Emitter, FilmSettings, Filter, FovAxis, IntegratorSettings, Lens, Material, MaterialId,
+    PixelRect, Rgb, Scene, Shape,
+};
+
+/// How to load.
+#[derive(Debug, Clone, Default, PartialEq, Eq)]
+pub struct LoadOptions {
+    /// Values of `$name` parameters in Mitsuba XML; they override the file's `<default>`s.
+    pub defines: Vec<(String, String)>,
+    /// Replace what is not supported and warn, instead of refusing the scene.
+    pub lenient: bool,
+}
+
+/// A scene and what there is to say about its loading.
+#[derive(Debug, Clone)]
+pub struct Loaded {
+    /// The scene.
+    pub scene: Scene,
+    /// Notes and warnings in the order of their discovery.
+    pub warnings: Vec<Warning>,
+    /// Every file that was read, the scene file first, without repetition.
+    pub files: Vec<PathBuf>,
+}
+
+/// Loads a scene file, or a mesh as a scene.
+///
+/// # Errors
+/// An extension other than `.xml`, `.obj` and `.ply`; a file that cannot be read; anything in it that is invalid, or,
+/// unless [`LoadOptions::lenient`] is set, not supported.
+pub fn load(path: &Path, options: &LoadOptions) -> Result<Loaded, LoadError> {
+    let mut log = Log { lenient: options.lenient, ..Log::default() };
+    let extension = path.extension().unwrap_or_default().to_string_lossy().to_lowercase();
+    let scene = match extension.as_str() {
+        "xml" => mitsuba::load(path, &options.defines, &mut log)?,
+        "obj" => obj::load_scene(path, &mut log)?,
+        "ply" => ply::load_scene(path, &mut log)?,
+        _ => {
+            let found = if extension.is_empty() {
+                "a file without an extension".to_owned()
+            } else {
+                format!("a file of type .{extension}")
+            };
+            let expected = "a Mitsuba scene (.xml) or a mesh (.obj, .ply)";
+            return Err(LoadError::new(Location::file(path), found, expected));
+        }
+    };
+    Ok(Loaded { scene, warnings: log.warnings, files: log.files })
+}
+
+/// What loading leaves behind besides the scene.
+#[derive(Debug, Default)]
+struct Log {
+    lenient: bool,
+    warnings: Vec<Warning>,
+    files: Vec<PathBuf>,
+}
+
+impl Log {
+    fn push(&mut self, severity: Severity, location: Location, message: impl Into<String>) {
+        self.warnings.push(Warning { severity, location, message: message.into() });
+    }
+
+    /// Says what was chosen where the file leaves it open.
+    fn note(&mut self, location: Location, message: impl Into<String>) {
+        self.push(Severity::Note, location, message);
+    }
+
+    /// Says what has no effect.
+    fn warn(&mut self, location: Location, message: impl Into<String>) {
+        self.push(Severity::Warning, location, message);
+    }
+
+    /// Something valid that is not supported: an error, or when lenient a warning that names the substitute.
+    fn unsupported(&mut self, error: LoadError, substitute: &str) -> Result<(), LoadError> {
+        if !self.lenient {
+            return Err(error);
+        }
+        self.push(Severity::Replaced, error.location, format!("{}; {substitute} instead", error.found));
+        Ok(())
+    }
+
+    /// Takes over what a loader of one file, perhaps on another thread, had to say.
+    fn absorb(&mut self, other: Self) {
+        self.warnings.extend(other.warnings);
+        for file in other.files {
+            self.record(&file);
+        }
+    }
+
+    fn record(&mut self, file: &Path) {
+        if !self.files.iter().any(|f| f == file) {
+            self.files.push(file.to_path_buf());
+        }
+    }
+
+    /// The bytes of a file. `from` is where the file was named, if in another file.
+    fn read(&mut self, path: &Path, from: Option<&Location>) -> Result<Vec<u8>, LoadError> {
+        let refuse = |why: String| {
+            let location = from.cloned().unwrap_or_else(|| Location::file(path));
+            let found = from.map_or(why.clone(), |_| format!("file {}: {why}", path.display()));
+            LoadError::new(location, found, "a readable file")
+        };
+        let metadata = fs::metadata(path).map_err(|e| refuse(format!("cannot be opened ({e})")))?;
+        // Devices and pipes have no end.
+        if !metadata.is_file() {
+            return Err(refuse("is not a regular file".to_owned()));
+        }
+        let bytes = fs::read(path).map_err(|e| refuse(format!("cannot be read ({e})")))?;
+        self.record(path);
+        Ok(bytes)
+    }
+}
+
+/// Mitsuba's film unless the file says otherwise.
+fn default_film() -> FilmSettings {
+    let size = UVec2::new(768, 576);
+    let crop = PixelRect { min: UVec2::ZERO, size };
+    FilmSettings { size, crop, filter: Filter::Gaussian { stddev: 0.5 }, half_float: true }
+}
+
+/// Samples per pixel of Mitsuba's samplers unless the file says otherwise.
+const DEFAULT_SAMPLE_COUNT: u32 = 4;
+
+/// Field of view, in degrees across the shorter side, of the camera made for scenes that have none.
+const FRAMING_FOV: f64 = 40.0;
+
+/// A camera in front (+z) of `bounds` and slightly above, y up, that sees all of it.
+fn framing_camera(bounds: Aabb) -> Camera {
+    let (center, radius) = bounds.bounding_sphere();
+    let (center, radius) = (center.as_dvec3(), f64::from(if radius > 0.0 { radius } else { 1.0 }));
+    // The sphere touches the sides of the view at this distance; 5 % more leaves a margin.
+    let distance = 1.05 * radius / (FRAMING_FOV / 2.0).to_radians().sin();
+    let direction = -DVec3::new(0.0, 0.3, 1.0).normalize();
+    Camera {
+        to_world: look_along(center - direction * distance, direction, DVec3::Y),
+        fov: FRAMING_FOV,
+        fov_axis: FovAxis::Smaller,
+        lens: Lens::Pinhole,
+        near_clip: distance * 1e-4,
+        far_clip: distance + 4.0 * radius,
+    }
+}
+
+/// Camera space to world space for a camera at `origin` looking in the unit direction `direction`: +z forward, +x left.
+fn look_along(origin: DVec3, direction: DVec3, up: DVec3) -> DAffine3 {
+    let left = up.cross(direction).normalize();
+    DAffine3::from_mat3_translation(DMat3::from_cols(left, direction.cross(left), direction), origin)
+}
+
+/// Bounds of all shapes.
+fn bounds_of(shapes: &[Shape]) -> Aabb {
+    shapes.iter().fold(Aabb::EMPTY, |b, s| b.union(s.geometry.bounds()))
+}
+
+/// The scene of a bare mesh: what the file lacks is chosen and noted.
+fn mesh_scene(path: &Path, shapes: Vec<Shape>, materials: Vec<Material>, log: &mut Log) -> Scene {
+    let camera = framing_camera(bounds_of(&shapes));
+    let mut chosen = vec!["a camera that frames the mesh"];
+    let mut emitters = Vec::new();
+    if shapes.iter().all(|s| s.emission.is_none()) {
+        emitters.push(Emitter::Constant { radiance: Rgb::ONE });
+        chosen.insert(0, "a constant white sky of radiance 1");
+    }
+    log.note(Location::file(path), format!("a mesh, not a scene: using {}", chosen.join(" and ")));
+    Scene {
+        shapes,
+        materials,
+        emitters,
+        camera,
+        film: default_film(),
+        integrator: IntegratorSettings::default(),
+        sample_count: DEFAULT_SAMPLE_COUNT,
+    }
+}
+
+/// Adds a two-sided version of a reflecting material: the winding of meshes as people have them says little about
+/// which side is out.
+fn push_two_sided(materials: &mut Vec<Material>, material: Material) -> MaterialId {
+    let inner = push(materials, material);
+    push(materials, Material::TwoSided { front: inner, back: inner })
+}
+
+fn push(materials: &mut Vec<Material>, material: Material) -> MaterialId {
+    materials.push(material);
+    MaterialId(materials.len() as u32 - 1)
+}
+
+/// Mitsuba's default material.
+const GREY: Material = Material::Diffuse { reflectance: Vec3::splat(0.5) };

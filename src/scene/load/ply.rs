@@ -1,0 +1,296 @@
+//! PLY (ASCII and binary of both byte orders) through `ply-rs-bw`.
+//!
+//! Elements are read one by one and converted at once: the crate's own way, a struct per element in one vector, takes
+//! several times the memory. Vertex positions, normals and texture coordinates are used, and faces; other elements and
+//! properties are skipped.
+
+use std::io::{BufRead, Cursor, ErrorKind};
+use std::path::Path;
+
+use glam::{Vec2, Vec3};
+use ply_rs_bw::parser::{ParseError, Parser, Reader};
+use ply_rs_bw::ply::{ElementDef, Encoding, Header, Property, PropertyAccess, PropertyAccessResult};
+
+use super::mesh::{Placement, RawMesh};
+use super::{GREY, LoadError, Location, Log, mesh_scene, push_two_sided};
+use crate::scene::{Geometry, MeshError, Scene, Shape};
+
+/// Loads the file as a scene of one grey shape.
+pub(super) fn load_scene(path: &Path, log: &mut Log) -> Result<Scene, LoadError> {
+    let bytes = log.read(path, None)?;
+    let geometry = load(path, &bytes, &Placement::bare(false), log)?;
+    let mut materials = Vec::new();
+    let material = push_two_sided(&mut materials, GREY);
+    let name = path.file_stem().unwrap_or_default().to_string_lossy().into_owned();
+    Ok(mesh_scene(path, vec![Shape { name, geometry, material, emission: None }], materials, log))
+}
+
+/// Loads the file as a mesh.
+pub(super) fn load_mesh(
+    path: &Path,
+    from: &Location,
+    placement: &Placement,
+    log: &mut Log,
+) -> Result<Geometry, LoadError> {
+    let bytes = log.read(path, Some(from))?;
+    load(path, &bytes, placement, log)
+}
+
+fn load(path: &Path, bytes: &[u8], placement: &Placement, log: &mut Log) -> Result<Geometry, LoadError> {
+    let mut reader = Reader::new(Cursor::new(bytes));
+    let header = Parser::<Vertex>::new().read_header(&mut reader);
+    let header = header.map_err(|e| {
+        let location = e.line().map_or_else(|| Location::file(path), |line| Location::line(path, line));
+        LoadError::new(location, one_line(&e), "a PLY header")
+    })?;
+    let line = reader.line();
+    let mut body = Body { path, cursor: reader.into_inner(), encoding: header.encoding, line };
+    check_header(path, &header)?;
+    let mut mesh = RawMesh::default();
+    let mut first_vertex = None;
+    let mut first_face = None;
+    for element in header.elements.values() {
+        let at = body.here();
+        match element.name.as_str() {
+            "vertex" => {
+                first_vertex = Some(at);
+                read_vertices(&mut body, element, &mut mesh)?;
+            }
+            "face" => {
+                first_face = Some(at);
+                read_faces(&mut body, element, &mut mesh)?;
+            }
+            _ => body.each::<Skipped>(element, |_, _| Ok(()))?,
+        }
+    }
+    if mesh.triangles.is_empty() {
+        return Err(LoadError::new(Location::file(path), "no face of three corners or more", "a mesh"));
+    }
+    let bad = mesh.count_bad_attributes();
+    if bad > 0 {
+        log.warn(Location::file(path), format!("{bad} normals or texture coordinates are not finite"));
+    }
+    mesh.place(placement).map(Geometry::Mesh).map_err(|e| {
+        let location = match &e {
+            MeshError::BadVertex { vertex, .. } => body.element_location(first_vertex, *vertex),
+            // Polygons make triangles and faces differ in number; the first face is all that is known.
+            MeshError::IndexOutOfRange { .. } => body.element_location(first_face, 0),
+            _ => Location::file(path),
+        };
+        LoadError::new(location, e.to_string(), "a valid mesh")
+    })
+}
+
+/// Refuses what has no vertices, no faces or no positions before a payload is read.
+fn check_header(path: &Path, header: &Header) -> Result<(), LoadError> {
+    let names: Vec<String> = header.elements.values().map(|e| format!("{} {}", e.count, e.name)).collect();
+    let missing = |expected: &str| {
+        Err(LoadError::new(
+            Location::file(path),
+            format!("a PLY file with elements [{}]", names.join(", ")),
+            expected,
+        ))
+    };
+    let Some(vertex) = header.elements.get("vertex").filter(|e| e.count > 0) else {
+        return missing("an element `vertex`");
+    };
+    if !["x", "y", "z"].iter().all(|p| vertex.properties.contains_key(*p)) {
+        return missing("vertex properties x, y and z");
+    }
+    match header.elements.get("face").filter(|e| e.count > 0) {
+        None => missing("an element `face` (point clouds are not supported)"),
+        Some(face) if !INDEX_LISTS.iter().any(|p| face.properties.contains_key(*p)) => {
+            missing("a face property `vertex_indices` or `vertex_index`")
+        }
+        Some(_) => Ok(()),
+    }
+}
+
+/// What is left of the file after the header.
+struct Body<'a> {
+    path: &'a Path,
+    cursor: Cursor<&'a [u8]>,
+    encoding: Encoding,
+    /// Of the next element, if the file is text.
+    line: usize,
+}
+
+impl Body<'_> {
+    /// Where the next element is: a line, or an offset in a binary file.
+    fn here(&self) -> u64 {
+        if self.encoding == Encoding::Ascii { self.line as u64 } else { self.cursor.position() }
+    }
+
+    fn location(&self, at: u64) -> Location {
+        if self.encoding == Encoding::Ascii {
+            Location::line(self.path, at as usize)
+        } else {
+            Location::byte(self.path, at)
+        }
+    }
+
+    /// Where element `index` of those that start at `first` is; elements of binary files need not be of equal size.
+    fn element_location(&self, first: Option<u64>, index: usize) -> Location {
+        let within = if self.encoding == Encoding::Ascii { index as u64 } else { 0 };
+        first.map_or_else(|| Location::file(self.path), |f| self.location(f + within))
+    }
+
+    /// Reads all elements of a kind and hands each to `take`, which may say why it refuses it.
+    fn each<E: PropertyAccess>(
+        &mut self,
+        element: &ElementDef,
+        mut take: impl FnMut(usize, E) -> Result<(), String>,
+    ) -> Result<(), LoadError> {
+        // Elements without properties take no bytes, so that their number is not bounded by the file's size.
+        if element.properties.is_empty() {
+            return Ok(());
+        }
+        let parser = Parser::<E>::new();
+        let mut text = String::new();
+        for index in 0..element.count {
+            let at = self.here();
+            let expected = || format!("{} `{}` of {}", element.name, index + 1, element.count);
+            let read = match self.encoding {
+                Encoding::Ascii => {
+                    text.clear();
+                    self.line += 1;
+                    let length = self.cursor.read_line(&mut text);
+                    if length.is_ok_and(|n| n == 0) {
+                        return Err(LoadError::new(self.location(at), "the end of the file", expected()));
+                    }
+                    parser.read_ascii_element(&text, element)
+                }
+                Encoding::BinaryLittleEndian => parser.read_little_endian_element(&mut self.cursor, element),
+                Encoding::BinaryBigEndian => parser.read_big_endian_element(&mut self.cursor, element),
+            };
+            let refuse = |found: String| Err(LoadError::new(self.location(at), found, expected()));
+            match read.map(|e| take(index, e)) {
+                Ok(Ok(())) => {}
+                Ok(Err(why)) => return refuse(why),
+                Err(e) if e.kind() == ErrorKind::UnexpectedEof => {
+                    return refuse("the end of the file".to_owned());
+                }
+                Err(e) => return refuse(one_line(&e)),
+            }
+        }
+        Ok(())
+    }
+}
+
+fn read_vertices(body: &mut Body, element: &ElementDef, mesh: &mut RawMesh) -> Result<(), LoadError> {
+    let has = |names: [&str; 2]| names.iter().all(|n| element.properties.contains_key(*n));
+    let normals = has(["nx", "ny"]) && element.properties.contains_key("nz");
+    let uvs = has(["u", "v"]) || has(["s", "t"]) || has(["texture_u", "texture_v"]);
+    body.each::<Vertex>(element, |_, vertex| {
+        mesh.positions.push(vertex.position);
+        if normals {
+            mesh.normals.push(vertex.normal);
+        }
+        if uvs {
+            mesh.uvs.push(vertex.uv);
+        }
+        Ok(())
+    })
+}
+
+fn read_faces(body: &mut Body, element: &ElementDef, mesh: &mut RawMesh) -> Result<(), LoadError> {
+    // Where faces come before the vertices, the mesh as a whole is checked later.
+    let vertices = if mesh.positions.is_empty() { usize::MAX } else { mesh.positions.len() };
+    body.each::<Face>(element, |_, face| {
+        if face.invalid {
+            return Err("a vertex index that is negative or not whole".to_owned());
+        }
+        if let Some(index) = face.corners.iter().find(|&&i| i as usize >= vertices) {
+            return Err(format!("vertex index {index} of {vertices} vertices"));
+        }
+        mesh.push_polygon(&face.corners);
+        Ok(())
+    })
+}
+
+/// The crate's messages quote input and span lines; only their first line says what is wrong.
+fn one_line(error: &ParseError) -> String {
+    let text = error.to_string();
+    let message = text.lines().next().unwrap_or_default().trim_end_matches('.');
+    let message =
+        message.split_once(": ").filter(|(head, _)| head.starts_with("Line ")).map_or(message, |(_, m)| m);
+    message.chars().take(120).collect()
+}
+
+/// Names under which programs store the corners of a face.
+const INDEX_LISTS: [&str; 2] = ["vertex_indices", "vertex_index"];
+
+#[derive(Default)]
+struct Vertex {
+    position: Vec3,
+    normal: Vec3,
+    uv: Vec2,
+}
+
+impl Vertex {
+    fn set(&mut self, name: &str, value: f32) -> PropertyAccessResult {
+        match name {
+            "x" => self.position.x = value,
+            "y" => self.position.y = value,
+            "z" => self.position.z = value,
+            "nx" => self.normal.x = value,
+            "ny" => self.normal.y = value,
+            "nz" => self.normal.z = value,
+            "u" | "s" | "texture_u" => self.uv.x = value,
+            "v" | "t" | "texture_v" => self.uv.y = value,
+            _ => return PropertyAccessResult::Ignored,
+        }
+        PropertyAccessResult::Set
+    }
+}
+
+impl PropertyAccess for Vertex {
+    fn new() -> Self {
+        Self::default()
+    }
+
+    fn set_property(&mut self, name: &str, property: Property) -> PropertyAccessResult {
+        property.to_f32_lossy().map_or(PropertyAccessResult::Ignored, |value| self.set(name, value))
+    }
+}
+
+#[derive(Default)]
+struct Face {
+    corners: Vec<u32>,
+    /// An index is negative or not whole.
+    invalid: bool,
+}
+
+impl PropertyAccess for Face {
+    fn new() -> Self {
+        Self::default()
+    }
+
+    fn set_property(&mut self, name: &str, property: Property) -> PropertyAccessResult {
+        if !INDEX_LISTS.contains(&name) {
+            return PropertyAccessResult::Ignored;
+        }
+        match property {
+            Property::ListUInt(list) => self.corners = list,
+            Property::ListInt(list) => {
+                self.invalid = list.iter().any(|&i| i < 0);
+                // In place: both types have the same size.
+                self.corners = list.into_iter().map(|i| i as u32).collect();
+            }
+            other => match other.to_u32_list() {
+                Some(list) => self.corners = list,
+                None => self.invalid = true,
+            },
+        }
+        PropertyAccessResult::Set
+    }
+}
+
+/// An element of no interest.
+struct Skipped;
+
+impl PropertyAccess for Skipped {
+    fn new() -> Self {
+        Self
+    }
+}
