@@ -25,6 +25,7 @@
 //! bit for any number of threads, whether rendered in one go, resumed, or merged from parts.
 #![deny(unsafe_code)]
 
+pub mod film;
 pub mod query;
 pub mod sampling;
 pub mod scene;
