@@ -25,8 +25,11 @@
 //! bit for any number of threads, whether rendered in one go, resumed, or merged from parts.
 #![deny(unsafe_code)]
 
+pub mod cli;
+pub mod film;
 pub mod integrators;
 pub mod query;
+pub mod render;
 pub mod sampling;
 pub mod scene;
 pub mod transport;
