@@ -24,7 +24,7 @@ pub(super) fn describe<Q: RayQuery>(
         let mut printer = Printer { world, text: format!("pixel {},{} pass {pass}\n", pixel.x, pixel.y) };
         let sample = sample_pixel(world, query, target, pixel.as_ivec2(), pass, &mut printer);
         text += &printer.text;
-        let _ = writeln!(text, "  = {} at {:?} of the pixel\n", show(sample.radiance), sample.offset.to_array());
+        let _ = writeln!(text, "  = {} at {:?} of the pixel\n", show(sample.sample.radiance), sample.sample.jitter.to_array());
     }
     text
 }

@@ -32,12 +32,11 @@ impl Outputs {
     }
 
     /// Develops the film and writes the files. Returns what to tell a person.
-    pub(super) fn write(&self, film: &Film, metadata: Vec<(String, String)>) -> Result<Vec<String>, CliError> {
-        let mut image = film.develop();
-        image.metadata = metadata;
+    pub(super) fn write(&self, film: &Film, metadata: &[(String, String)]) -> Result<Vec<String>, CliError> {
+        let image = film.develop();
         let mut written = Vec::new();
         if let Some(exr) = &self.exr {
-            let clamped = output::write_exr(exr, &image, film.settings().half_float)?;
+            let clamped = output::write_exr(exr, &image, film.settings().half_float, metadata)?;
             written.push(match clamped {
                 0 => format!("wrote {}", exr.display()),
                 n => format!("wrote {} ({n} values are clamped to the largest half float)", exr.display()),

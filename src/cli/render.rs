@@ -14,7 +14,8 @@ use super::output::Outputs;
 use super::parse::{self, Spec};
 use super::progress::Bar;
 use super::{CliError, EXIT_DONE, EXIT_INTERRUPTED, debug_pixel};
-use crate::film::{Aov, AovSet, Film, state};
+use crate::film::state::{RenderIdentity, load_state, save_state};
+use crate::film::{Aov, AovSet, Film};
 use crate::integrators::Integrator;
 use crate::query::{Backend, RayQuery};
 use crate::render::{Control, Progress, Stop, Target, render};
@@ -109,7 +110,7 @@ pub(super) fn run(args: &RenderArgs) -> Result<u8, CliError> {
     }
     let start = Instant::now();
     let options = LoadOptions { defines: args.define.clone(), lenient: args.lenient };
-    let Loaded { mut scene, warnings, .. } = load(&args.scene, &options)?;
+    let Loaded { mut scene, warnings, files } = load(&args.scene, &options)?;
     if !args.quiet {
         for warning in &warnings {
             eprintln!("{warning}");
@@ -119,11 +120,12 @@ pub(super) fn run(args: &RenderArgs) -> Result<u8, CliError> {
     let integrator = args.integrator(&scene)?;
     let load_time = start.elapsed();
     let start = Instant::now();
-    let job = Job { args, scene: &scene, outputs, integrator, load_time, start };
+    let target = Target { integrator, seed: args.seed };
+    let job = Job { args, scene: &scene, files: &files, outputs, target, load_time, start };
     match args.backend()? {
         #[cfg(feature = "embree")]
         Backend::Embree(settings) => job.run(&crate::query::embree::EmbreeQuery::new(&scene.shapes, settings)?),
-        Backend::Obvhs(settings) => job.run(&crate::query::obvhs::ObvhsQuery::new(&scene.shapes, settings)),
+        Backend::Obvhs(quality) => job.run(&crate::query::obvhs::ObvhsQuery::new(&scene.shapes, quality)),
     }
 }
 
@@ -175,8 +177,9 @@ impl RenderArgs {
 struct Job<'a> {
     args: &'a RenderArgs,
     scene: &'a Scene,
+    files: &'a [PathBuf],
     outputs: Outputs,
-    integrator: Integrator,
+    target: Target,
     load_time: Duration,
     start: Instant,
 }
@@ -185,41 +188,36 @@ impl Job<'_> {
     fn run<Q: RayQuery>(self, query: &Q) -> Result<u8, CliError> {
         let world = World::new(self.scene);
         let build_time = self.start.elapsed();
-        let target = Target { integrator: self.integrator, seed: self.args.seed };
         if let Some(pixel) = self.args.debug_pixel {
-            if !pixel.cmplt(self.scene.film.size).all() {
-                return Err(format!("--debug-pixel {},{} is not on the film", pixel.x, pixel.y).into());
-            }
-            let passes = self.args.passes.clone().unwrap_or(0..1);
-            print!("{}", debug_pixel::describe(&world, query, &target, pixel, passes));
-            return Ok(EXIT_DONE);
+            return self.debug_pixel(&world, query, pixel);
         }
-        let mut film = self.film(&world)?;
-        let stop = Stop { passes: self.args.pass_range(self.scene), time: self.args.time };
+        let identity = self.identity()?;
+        let mut film = self.film(&world, &identity)?;
         let interrupted = stop_on_ctrl_c()?;
-        let progress = self.render(&world, query, &target, &mut film, &stop, &interrupted)?;
-        let render_time = progress.elapsed;
+        let progress = self.render(&world, query, &mut film, &interrupted)?;
+        let report = Report { job: &self, film: &film, progress, build_time, backend: query.name() };
 
-        self.report_dropped(&film, &target);
-        let metadata = self.metadata(query, &target, &film, render_time);
-        let written = self.outputs.write(&film, metadata)?;
-        self.say(&written);
+        report.print_dropped();
+        self.say(&self.outputs.write(&film, &report.metadata())?);
         let was_interrupted = interrupted.load(Ordering::Relaxed);
-        self.save_state(&film, &target, was_interrupted)?;
-        self.say(&[format!(
-            "{} samples per pixel in {:.1} s ({:.2} M rays/s on {} threads, {}); loading took {:.2} s, building {:.2} s",
-            film.passes().len(),
-            render_time.as_secs_f64(),
-            progress.rays as f64 / render_time.as_secs_f64().max(1e-9) / 1e6,
-            rayon::current_num_threads(),
-            query.name(),
-            self.load_time.as_secs_f64(),
-            build_time.as_secs_f64(),
-        )]);
+        if let Some(path) = self.state_path(was_interrupted) {
+            save_state(&path, &identity, &film)?;
+            self.say(&[format!("wrote {}; go on with the same command and --resume {0}", path.display())]);
+        }
+        self.say(&[report.summary()]);
         if self.args.json {
-            println!("{:#}", self.statistics(query, &target, &film, &progress, build_time));
+            println!("{:#}", report.statistics());
         }
         Ok(if was_interrupted { EXIT_INTERRUPTED } else { EXIT_DONE })
+    }
+
+    fn debug_pixel<Q: RayQuery>(&self, world: &World, query: &Q, pixel: UVec2) -> Result<u8, CliError> {
+        if !pixel.cmplt(self.scene.film.size).all() {
+            return Err(format!("--debug-pixel {},{} is not on the film", pixel.x, pixel.y).into());
+        }
+        let passes = self.args.passes.clone().unwrap_or(0..1);
+        print!("{}", debug_pixel::describe(world, query, &self.target, pixel, passes));
+        Ok(EXIT_DONE)
     }
 
     fn say(&self, lines: &[String]) {
@@ -230,33 +228,39 @@ impl Job<'_> {
         }
     }
 
-    /// An empty film, or the one to be resumed.
-    fn film(&self, world: &World) -> Result<Film, CliError> {
-        let aovs: AovSet = self.args.aov.iter().copied().collect();
-        let film = Film::new(&self.scene.film, aovs, world.lights.radiance_unit())?;
-        match &self.args.resume {
-            Some(path) => Ok(state::resume(path, film, &self.identity())?),
-            None => Ok(film),
-        }
+    /// What must be the same for passes to be added up.
+    fn identity(&self) -> Result<RenderIdentity, CliError> {
+        Ok(RenderIdentity {
+            scene: fingerprint(self.files, &self.args.define)?,
+            integrator: self.target.integrator.describe(),
+            seed: self.target.seed,
+        })
     }
 
-    /// What must be the same for passes to be added up.
-    fn identity(&self) -> state::Identity {
-        todo!()
+    /// An empty film, or the one to be resumed.
+    fn film(&self, world: &World, identity: &RenderIdentity) -> Result<Film, CliError> {
+        let aovs: AovSet = self.args.aov.iter().copied().collect();
+        let mut film = Film::new(&self.scene.film, aovs, world.lights.radiance_unit())?;
+        if let Some(path) = &self.args.resume {
+            let (saved_identity, saved) = load_state(path)?;
+            let mismatch = |error| format!("{} cannot be resumed: {error}", path.display());
+            identity.check_same(&saved_identity).map_err(mismatch)?;
+            film.merge(&saved).map_err(|error| format!("{} cannot be resumed: {error}", path.display()))?;
+        }
+        Ok(film)
     }
 
     fn render<Q: RayQuery>(
         &self,
         world: &World,
         query: &Q,
-        target: &Target,
         film: &mut Film,
-        stop: &Stop,
         interrupted: &AtomicBool,
     ) -> Result<Progress, CliError> {
-        let count = (stop.passes.end != u32::MAX).then(|| stop.passes.len() as u64);
+        let stop = Stop { passes: self.args.pass_range(self.scene), time: self.args.time };
+        let count = (stop.passes.end != u32::MAX).then_some(stop.passes.len() as u64);
         let bar = Bar::new(count, stop.time, self.args.quiet);
-        let progress = render(world, query, target, film, stop, |progress| {
+        let progress = render(world, query, &self.target, film, &stop, |progress| {
             bar.update(progress, count.is_some());
             if interrupted.load(Ordering::Relaxed) { Control::Stop } else { Control::Continue }
         })?;
@@ -264,16 +268,127 @@ impl Job<'_> {
         Ok(progress)
     }
 
-    fn save_state(&self, film: &Film, target: &Target, interrupted: bool) -> Result<(), CliError> {
-        let path = match &self.args.save_state {
-            Some(path) => path.clone(),
-            None if interrupted => self.outputs.state(),
-            None => return Ok(()),
-        };
-        state::save(&path, film, &self.identity())?;
-        self.say(&[format!("wrote {}; go on with the same command and --resume {0}", path.display())]);
-        Ok(())
+    /// Where to save the film: where asked to, and beside the image after an interruption.
+    fn state_path(&self, interrupted: bool) -> Option<PathBuf> {
+        self.args.save_state.clone().or_else(|| interrupted.then(|| self.outputs.state()))
     }
+}
+
+/// A number that changes with any byte of the files that a scene was read from, and with the definitions.
+fn fingerprint(files: &[PathBuf], defines: &[(String, String)]) -> Result<String, CliError> {
+    let mut hash = crc32fast::Hasher::new();
+    let mut length = 0;
+    for file in files {
+        let bytes = std::fs::read(file).map_err(|error| format!("{}: {error}", file.display()))?;
+        hash.update(&bytes);
+        length += bytes.len();
+    }
+    for (name, value) in defines {
+        hash.update(format!("{name}={value};").as_bytes());
+    }
+    Ok(format!("{:08x}-{length}", hash.finalize()))
+}
+
+/// A finished render, to be told about.
+struct Report<'a> {
+    job: &'a Job<'a>,
+    film: &'a Film,
+    progress: Progress,
+    build_time: Duration,
+    backend: String,
+}
+
+impl Report<'_> {
+    fn rays_per_second(&self) -> f64 {
+        self.progress.rays as f64 / self.progress.elapsed.as_secs_f64().max(1e-9)
+    }
+
+    fn summary(&self) -> String {
+        format!(
+            "{} samples per pixel, {:.1} s ({:.2} M rays/s, {} threads, {}); loading took {:.2} s, building {:.2} s",
+            self.film.passes().len(),
+            self.progress.elapsed.as_secs_f64(),
+            self.rays_per_second() / 1e6,
+            rayon::current_num_threads(),
+            self.backend,
+            self.job.load_time.as_secs_f64(),
+            self.build_time.as_secs_f64(),
+        )
+    }
+
+    /// Says how many contributions were left out, and how to look at the first of them.
+    fn print_dropped(&self) {
+        let dropped = self.film.dropped();
+        if dropped.is_none() {
+            return;
+        }
+        eprintln!(
+            "warning: dropped {} samples that were not finite, {} AOV records; {} sums overflowed",
+            dropped.samples, dropped.records, dropped.overflows
+        );
+        for at in &dropped.examples {
+            eprintln!(
+                "  reproduce one: {} --seed {} --integrator {} --passes {}..{} --debug-pixel {},{}",
+                reproduction(self.job.args),
+                self.job.target.seed,
+                self.job.target.integrator.describe(),
+                at.pass,
+                at.pass + 1,
+                at.x,
+                at.y,
+            );
+        }
+    }
+
+    /// Attributes of the EXR file.
+    fn metadata(&self) -> Vec<(String, String)> {
+        let passes = self.film.passes().ranges().iter().map(|r| format!("{}..{}", r.start, r.end));
+        let pairs = [
+            ("scene", self.job.args.scene.display().to_string()),
+            ("integrator", self.job.target.integrator.describe()),
+            ("seed", self.job.target.seed.to_string()),
+            ("passes", passes.collect::<Vec<_>>().join(",")),
+            ("backend", self.backend.clone()),
+            ("version", env!("CARGO_PKG_VERSION").to_owned()),
+            ("render_seconds", format!("{:.3}", self.progress.elapsed.as_secs_f64())),
+        ];
+        pairs.into_iter().map(|(name, value)| (name.to_owned(), value)).collect()
+    }
+
+    fn statistics(&self) -> serde_json::Value {
+        let dropped = self.film.dropped();
+        json!({
+            "scene": self.job.args.scene,
+            "integrator": self.job.target.integrator.describe(),
+            "seed": self.job.target.seed,
+            "backend": self.backend,
+            "threads": rayon::current_num_threads(),
+            "size": self.film.settings().crop.size.to_array(),
+            "passes": self.film.passes().len(),
+            "passes_rendered": self.progress.passes,
+            "rays": self.progress.rays,
+            "rays_per_second": self.rays_per_second(),
+            "load_seconds": self.job.load_time.as_secs_f64(),
+            "build_seconds": self.build_time.as_secs_f64(),
+            "render_seconds": self.progress.elapsed.as_secs_f64(),
+            "dropped": dropped,
+        })
+    }
+}
+
+/// The part of the command line that says which scene is rendered.
+fn reproduction(args: &RenderArgs) -> String {
+    let mut command = format!("helmholtz render {}", args.scene.display());
+    for (name, value) in &args.define {
+        command += &format!(" -D {name}={value}");
+    }
+    if let Some(size) = args.size {
+        command += &format!(" --size {}x{}", size.x, size.y);
+    }
+    if args.lenient {
+        command += " --lenient";
+    }
+    command
 }
 
 /// The first Ctrl-C asks to stop after the pass; the second ends the process at once.
