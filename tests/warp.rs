@@ -64,7 +64,10 @@ fn warps_stay_in_range_at_the_corners() {
     for u in ends.iter().flat_map(|&x| ends.map(|y| Vec2::new(x, y))) {
         assert!(warp::square_to_disc(u).length() <= 1.0 + 1e-6);
         let d = warp::square_to_cosine_hemisphere(u);
-        assert!(d.z > 0.0 && (d.length() - 1.0).abs() < 1e-6 && warp::cosine_hemisphere_pdf(d.z) > 0.0, "{u}: {d}");
+        assert!(
+            d.z > 0.0 && (d.length() - 1.0).abs() < 1e-6 && warp::cosine_hemisphere_pdf(d.z) > 0.0,
+            "{u}: {d}"
+        );
         assert!((warp::square_to_sphere(u).length() - 1.0).abs() < 1e-6);
         let b = warp::square_to_triangle(u);
         assert!(b.min_element() >= 0.0 && b.x + b.y <= 1.0, "{u}: {b}");
@@ -103,10 +106,12 @@ fn alias_table_draws_by_weight() {
 /// Every number in [0, 1) of a fine grid, ends included, avoids the zeros wherever they stand.
 #[test]
 fn alias_table_never_draws_zero_weights() {
-    for weights in [vec![0.0, 1.0], vec![1.0, 0.0], vec![0.0, 0.1, 0.0, 0.2, 0.7, 0.0], vec![1e-12, 0.0, 1.0, 1e-6, 0.0]] {
+    for weights in
+        [vec![0.0, 1.0], vec![1.0, 0.0], vec![0.0, 0.1, 0.0, 0.2, 0.7, 0.0], vec![1e-12, 0.0, 1.0, 1e-6, 0.0]]
+    {
         let table = AliasTable::new(&weights).expect("valid weights");
         for i in 0..1_u32 << 24 {
-            if i.is_multiple_of(63) || i < 100 || i > (1 << 24) - 100 {
+            if i.is_multiple_of(63) || !(100..(1 << 24) - 100).contains(&i) {
                 let index = table.sample(i as f32 / 16_777_216.0);
                 assert!(weights[index] > 0.0, "{weights:?} drew {index} at {i}");
             }

@@ -90,8 +90,13 @@ impl RoughDielectric {
         } else {
             // A small eta magnifies the rounding of the tangential part.
             let wi = (-tangential / eta - fresnel.cos_t * m).normalize();
-            let weight = self.boundary.transmission * (self.boundary.transmission_scale(mode) * self.facets.masking(wi));
-            let pdf = self.refraction_pdf(wo, &Refraction { m, cos_o, cos_i: fresnel.cos_t }, 1.0 - fresnel.reflectance);
+            let weight = self.boundary.transmission
+                * (self.boundary.transmission_scale(mode) * self.facets.masking(wi));
+            let pdf = self.refraction_pdf(
+                wo,
+                &Refraction { m, cos_o, cos_i: fresnel.cos_t },
+                1.0 - fresnel.reflectance,
+            );
             (wi.z < 0.0 && pdf > 0.0).then_some(BsdfSample { wi, weight, pdf, is_delta: false, eta })
         }
     }

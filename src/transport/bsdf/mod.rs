@@ -96,7 +96,10 @@ impl Bsdf {
         match materials.get(id.0 as usize) {
             Some(&Material::TwoSided { front, back }) => {
                 let front_lobe = Lobe::opaque(materials, front);
-                Self { front: front_lobe, back: if back == front { front_lobe } else { Lobe::opaque(materials, back) } }
+                Self {
+                    front: front_lobe,
+                    back: if back == front { front_lobe } else { Lobe::opaque(materials, back) },
+                }
             }
             Some(material) => {
                 let front = Lobe::new(material);
@@ -170,14 +173,18 @@ impl Lobe {
     fn new(material: &Material) -> Self {
         match *material {
             Material::Diffuse { reflectance } => Self::Diffuse { reflectance },
-            Material::Conductor { eta, k, specular_reflectance: tint } => Self::Conductor(Metal { eta, k, tint }),
+            Material::Conductor { eta, k, specular_reflectance: tint } => {
+                Self::Conductor(Metal { eta, k, tint })
+            }
             Material::RoughConductor { distribution, alpha, eta, k, specular_reflectance: tint } => {
                 let facets = Microfacets::new(distribution, alpha, 0.0);
                 Self::RoughConductor(RoughConductor { facets, metal: Metal { eta, k, tint } })
             }
-            Material::Dielectric { eta, specular_reflectance: reflection, specular_transmittance: transmission } => {
-                Self::Dielectric(Boundary { eta, reflection, transmission })
-            }
+            Material::Dielectric {
+                eta,
+                specular_reflectance: reflection,
+                specular_transmittance: transmission,
+            } => Self::Dielectric(Boundary { eta, reflection, transmission }),
             Material::RoughDielectric {
                 distribution,
                 alpha,
@@ -253,8 +260,12 @@ impl Lobe {
         match self {
             Self::Black => Rgb::ZERO,
             Self::Diffuse { reflectance } => *reflectance,
-            Self::Conductor(metal) | Self::RoughConductor(RoughConductor { metal, .. }) => metal.reflectance(wo.z),
-            Self::Dielectric(boundary) | Self::RoughDielectric(RoughDielectric { boundary, .. }) => boundary.albedo(wo),
+            Self::Conductor(metal) | Self::RoughConductor(RoughConductor { metal, .. }) => {
+                metal.reflectance(wo.z)
+            }
+            Self::Dielectric(boundary) | Self::RoughDielectric(RoughDielectric { boundary, .. }) => {
+                boundary.albedo(wo)
+            }
         }
     }
 }
