@@ -13,3 +13,6 @@ mod sampler;
 mod scene_builder;
 mod spherical;
 mod support;
+mod bsdf;
+mod statistics;
+mod warp;

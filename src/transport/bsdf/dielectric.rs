@@ -88,7 +88,8 @@ impl RoughDielectric {
             let pdf = fresnel.reflectance * reflection_pdf(&self.facets, wo, m);
             (wi.z > 0.0).then_some(BsdfSample { wi, weight, pdf, is_delta: false, eta: 1.0 })
         } else {
-            let wi = -tangential / eta - fresnel.cos_t * m;
+            // A small eta magnifies the rounding of the tangential part.
+            let wi = (-tangential / eta - fresnel.cos_t * m).normalize();
             let weight = self.boundary.transmission
                 * (self.boundary.transmission_scale(mode) * self.facets.masking(wi));
             let pdf = self.refraction_pdf(

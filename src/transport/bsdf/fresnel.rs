@@ -35,7 +35,7 @@ pub fn fresnel_dielectric(cos: f32, sin2: f32, eta: f32) -> DielectricFresnel {
     // (cos - g) / (cos + g) and (eta^2 cos - g) / (eta^2 cos + g), multiplied by their conjugates.
     let r_s = difference / ((cos + g) * (cos + g));
     let p = eta * eta * cos + g;
-    let r_p = difference * ((eta * eta + 1.0) * cos2 - 1.0) / (p * p);
+    let r_p = difference * (eta * eta * cos2 - sin2) / (p * p);
     DielectricFresnel { reflectance: (0.5 * (r_s * r_s + r_p * r_p)).min(1.0), cos_t: g / eta }
 }
 

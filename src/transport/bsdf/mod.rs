@@ -6,7 +6,8 @@
 //! normal and Veach's adjoint correction belong to the path vertex, not here.
 //!
 //! Rough materials use Smith's masking separably, `G = G1(wo) G1(wi)`, and scatter at most once. So they lose what
-//! in reality bounces on between the facets: little at roughness 0.1, more than a third of the light of a white metal at roughness 1.
+//! in reality bounces on between the facets: of a white GGX metal 1 to 3 % at roughness 0.1, and all but `1 - ln 2` (31 %) at roughness 1
+//! seen from straight above.
 //!
 //! ```
 //! use glam::Vec3;
