@@ -44,34 +44,28 @@ fn rays_aimed_at_a_point_arrive_there() {
                 if kind == AnalyticKind::Disk && n.z.abs() / n.length() < 0.05 {
                     continue;
                 }
-                match t {
+                if let Some(t) = t {
                     // Where t falls short, the point must be on the surface all the same, and nearer.
-                    Some(t) => {
-                        let p = shape.to_object().transform_point3(o.as_dvec3() + d.as_dvec3() * t);
-                        let off = match kind {
-                            AnalyticKind::Sphere => p.length() - 1.0,
-                            AnalyticKind::Disk => p.z,
-                            AnalyticKind::Cylinder => p.with_z(0.0).length() - 1.0,
-                        };
-                        // t has 24 bits and is about 20 sizes.
-                        assert!(off.abs() < 20.0 * 1e-7, "{kind:?} of size {size}: {p} is {off} off");
-                        assert!(
-                            t < expected + size * 0.05,
-                            "{kind:?} of size {size}: {t} is beyond {expected}"
-                        );
-                    }
+                    let p = shape.to_object().transform_point3(o.as_dvec3() + d.as_dvec3() * t);
+                    let off = match kind {
+                        AnalyticKind::Sphere => p.length() - 1.0,
+                        AnalyticKind::Disk => p.z,
+                        AnalyticKind::Cylinder => p.with_z(0.0).length() - 1.0,
+                    };
+                    // t has 24 bits and is about 20 sizes.
+                    assert!(off.abs() < 20.0 * 1e-7, "{kind:?} of size {size}: {p} is {off} off");
+                    assert!(t < expected + size * 0.05, "{kind:?} of size {size}: {t} is beyond {expected}");
+                } else {
                     // Aimed at the silhouette or rim, rounding may miss.
-                    None => {
-                        let p = shape.to_object().transform_point3(target);
-                        let facing =
-                            p.with_z(if kind == AnalyticKind::Sphere { p.z } else { 0.0 }).dot(n.normalize());
-                        let excused = match kind {
-                            AnalyticKind::Sphere => facing.abs() < 0.01,
-                            AnalyticKind::Disk => p.length() > 0.9999,
-                            AnalyticKind::Cylinder => facing.abs() < 0.01 || p.z < 1e-4 || p.z > 0.9999,
-                        };
-                        assert!(excused, "{kind:?} of size {size} missed at {p}");
-                    }
+                    let p = shape.to_object().transform_point3(target);
+                    let radial = if kind == AnalyticKind::Sphere { p } else { p.with_z(0.0) };
+                    let silhouette = radial.dot(n.normalize()).abs() < 0.01;
+                    let excused = match kind {
+                        AnalyticKind::Sphere => silhouette,
+                        AnalyticKind::Disk => p.length() > 0.9999,
+                        AnalyticKind::Cylinder => silhouette || p.z < 1e-4 || p.z > 0.9999,
+                    };
+                    assert!(excused, "{kind:?} of size {size} missed at {p}");
                 }
             }
         }

@@ -10,7 +10,7 @@ use helmholtz::scene::{AnalyticShape, Geometry, Shape};
 use crate::support::{Rng, analytic, icosphere, mesh, placed};
 
 /// How a backend is made for shapes.
-pub trait Backend {
+pub(crate) trait Backend {
     type Query<'s>: RayQuery;
     fn build(shapes: &[Shape]) -> Self::Query<'_>;
 }
@@ -139,7 +139,7 @@ fn check_against_brute_force(shapes: &[Shape], ray: &Ray, hit: Option<Hit>, scal
     certain.is_finite()
 }
 
-pub fn triangles_agree_with_brute_force<B: Backend>() {
+pub(crate) fn triangles_agree_with_brute_force<B: Backend>() {
     let mut rng = Rng(1);
     for place in PLACES {
         let shapes = soup(&mut rng, place);
@@ -154,7 +154,7 @@ pub fn triangles_agree_with_brute_force<B: Backend>() {
     }
 }
 
-pub fn spheres_agree_with_the_quadratic<B: Backend>() {
+pub(crate) fn spheres_agree_with_the_quadratic<B: Backend>() {
     let mut rng = Rng(2);
     let spheres: Vec<(DVec3, f64)> = (0..60).map(|_| (rng.cube(), 0.02 + 0.2 * rng.unit())).collect();
     let shapes: Vec<Shape> =
@@ -196,7 +196,7 @@ pub fn spheres_agree_with_the_quadratic<B: Backend>() {
     assert!(hits > 700, "only {hits} hits");
 }
 
-pub fn occlusion_agrees_with_intersection<B: Backend>() {
+pub(crate) fn occlusion_agrees_with_intersection<B: Backend>() {
     let mut rng = Rng(3);
     for place in PLACES {
         let mut shapes = soup(&mut rng, place);
@@ -222,7 +222,7 @@ fn square() -> Shape {
     mesh(vec![Vec3::ZERO, Vec3::X, Vec3::new(1.0, 1.0, 0.0), Vec3::Y], vec![[0, 1, 2], [0, 2, 3]])
 }
 
-pub fn range_is_open_at_both_ends<B: Backend>() {
+pub(crate) fn range_is_open_at_both_ends<B: Backend>() {
     let ball = analytic(AnalyticShape::sphere(DVec3::new(10.5, 0.25, -1.0), 1.0).expect("a sphere"));
     let shapes = [square(), ball];
     let query = B::build(&shapes);
@@ -255,7 +255,7 @@ fn check_watertight<B: Backend>(positions: &[DVec3], triangles: &[[u32; 3]], pla
     let mut targets = positions;
     for t in triangles {
         let [a, b, c] = t.map(|i| targets[i as usize].as_dvec3());
-        targets.extend([(a + b) * 0.5, (b + c) * 0.5, (c + a) * 0.5].map(|p| p.as_vec3()));
+        targets.extend([a + b, b + c, c + a].map(|sum| (sum * 0.5).as_vec3()));
     }
     for &target in &targets {
         let o = (rng.cube() * 0.1 * place.0 + place.1).as_vec3();
@@ -268,7 +268,7 @@ fn check_watertight<B: Backend>(positions: &[DVec3], triangles: &[[u32; 3]], pla
     }
 }
 
-pub fn icosphere_is_watertight<B: Backend>() {
+pub(crate) fn icosphere_is_watertight<B: Backend>() {
     let (positions, triangles) = icosphere(4);
     for place in PLACES {
         check_watertight::<B>(&positions, &triangles, place, 4);
@@ -302,7 +302,7 @@ fn gridded_cube(n: u32) -> (Vec<DVec3>, Vec<[u32; 3]>) {
     (positions, triangles)
 }
 
-pub fn gridded_cube_is_watertight<B: Backend>() {
+pub(crate) fn gridded_cube_is_watertight<B: Backend>() {
     let n = 16;
     let (positions, triangles) = gridded_cube(n);
     for place in PLACES {
@@ -331,7 +331,7 @@ pub fn gridded_cube_is_watertight<B: Backend>() {
     }
 }
 
-pub fn sliver_fans_are_watertight<B: Backend>() {
+pub(crate) fn sliver_fans_are_watertight<B: Backend>() {
     // A double cone of 2 x 600 slivers that all meet in its tips; as a spindle and as a lens.
     let n = 600;
     for (radius, height) in [(0.3, 1.0), (1.0, 0.3)] {
@@ -350,7 +350,7 @@ pub fn sliver_fans_are_watertight<B: Backend>() {
     }
 }
 
-pub fn distant_small_meshes_are_hit<B: Backend>() {
+pub(crate) fn distant_small_meshes_are_hit<B: Backend>() {
     // Rays from 1e4 radii away, parallel to an axis up to components of 1e-30: traversal may not round them away.
     let (positions, triangles) = icosphere(3);
     let mut rng = Rng(7);
@@ -369,7 +369,7 @@ pub fn distant_small_meshes_are_hit<B: Backend>() {
     }
 }
 
-pub fn coincident_triangles_give_one_of_them<B: Backend>() {
+pub(crate) fn coincident_triangles_give_one_of_them<B: Backend>() {
     let shapes = [square(), square()];
     let query = B::build(&shapes);
     let ray = Ray::new(Vec3::new(0.5, 0.25, 3.0), Vec3::NEG_Z);
@@ -380,7 +380,7 @@ pub fn coincident_triangles_give_one_of_them<B: Backend>() {
     assert_eq!(query.intersect(&ray).expect("four triangles are there").t, 3.0);
 }
 
-pub fn nothing_to_hit<B: Backend>() {
+pub(crate) fn nothing_to_hit<B: Backend>() {
     for shapes in [vec![], vec![mesh(vec![], vec![])], vec![mesh(vec![Vec3::ONE], vec![])]] {
         let query = B::build(&shapes);
         let ray = Ray::new(Vec3::ZERO, Vec3::X);
@@ -390,7 +390,7 @@ pub fn nothing_to_hit<B: Backend>() {
     }
 }
 
-pub fn degenerate_triangles_are_not_hit<B: Backend>() {
+pub(crate) fn degenerate_triangles_are_not_hit<B: Backend>() {
     let positions = vec![Vec3::ZERO, Vec3::X, Vec3::X * 2.0, Vec3::Y, Vec3::Z];
     // Points, segments, and one that has an area.
     let degenerate = vec![[0, 0, 0], [1, 1, 0], [0, 1, 2], [2, 0, 2], [4, 4, 4]];
@@ -418,7 +418,7 @@ pub fn degenerate_triangles_are_not_hit<B: Backend>() {
     }
 }
 
-pub fn rays_that_are_not_finite_hit_nothing<B: Backend>() {
+pub(crate) fn rays_that_are_not_finite_hit_nothing<B: Backend>() {
     let (positions, triangles) = icosphere(2);
     let ball = analytic(AnalyticShape::sphere(DVec3::ZERO, 2.0).expect("a sphere"));
     let shapes = [mesh(placed(&positions, 1.0, DVec3::ZERO), triangles), ball];
@@ -443,7 +443,7 @@ pub fn rays_that_are_not_finite_hit_nothing<B: Backend>() {
     }
 }
 
-pub fn spawned_rays_leave_their_triangle<B: Backend>() {
+pub(crate) fn spawned_rays_leave_their_triangle<B: Backend>() {
     let mut rng = Rng(9);
     for place in PLACES {
         let shapes = soup(&mut rng, place);
@@ -466,7 +466,7 @@ pub fn spawned_rays_leave_their_triangle<B: Backend>() {
     }
 }
 
-pub fn spawned_segments_see_their_target<B: Backend>() {
+pub(crate) fn spawned_segments_see_their_target<B: Backend>() {
     // Inside a convex closed mesh all points see each other, also those on neighbouring triangles.
     let (positions, triangles) = icosphere(3);
     let mut rng = Rng(10);

@@ -41,8 +41,7 @@ fn unit_distance_roots(o: DVec3, d: DVec3) -> Option<[f64; 2]> {
     let b = -o.dot(d);
     let nearest = o + d * (b / a);
     let discriminant = a * (1.0 - nearest.length_squared());
-    // Also false for NaN.
-    if !(discriminant >= 0.0) {
+    if discriminant.is_nan() || discriminant < 0.0 {
         return None;
     }
     let q = b + discriminant.sqrt().copysign(b);

@@ -64,7 +64,8 @@ const ANALYTIC: u32 = u32::MAX;
 struct Primitive {
     corners: [Vec3; 3],
     shape: u32,
-    primitive: u32,
+    /// Index of the triangle in its mesh, or [`ANALYTIC`].
+    index: u32,
 }
 
 /// What lies in a box: `count` primitives from `first`, or, if `count` is 0, the node of that index.
@@ -125,7 +126,7 @@ impl BoxRay {
     }
 
     /// Where the ray enters each of the boxes, and a bit for each that it meets before `t_max`.
-    #[inline(always)]
+    #[inline]
     fn enter(&self, node: &Node, t_max: f32) -> ([f32; WIDTH], u32) {
         // The mask only tells the compiler that the index is in range.
         let distance = |axis: usize, bound: usize| {
@@ -172,7 +173,7 @@ impl<'s> ObvhsQuery<'s> {
     }
 
     /// Hands each leaf that the ray meets before `t_max` to `visit`, which may lower `t_max` or end the search.
-    #[inline(always)]
+    #[inline]
     fn traverse(&self, ray: &Ray, mut visit: impl FnMut(&[Primitive], &mut f32) -> ControlFlow<()>) {
         // Also refuses NaN in the range, by way of the comparison.
         if self.primitives.is_empty() || !(ray.o.is_finite() && ray.d.is_finite() && ray.t_min < ray.t_max) {
@@ -216,13 +217,13 @@ impl<'s> ObvhsQuery<'s> {
     }
 
     /// The hit on one primitive, if it lies before `t_max`.
-    #[inline(always)]
+    #[inline]
     fn hit(&self, primitive: &Primitive, ray: &Ray, prepared: &WatertightRay, t_max: f32) -> Option<Hit> {
-        if primitive.primitive == ANALYTIC {
+        if primitive.index == ANALYTIC {
             return self.hit_analytic(primitive.shape, ray, t_max);
         }
         let hit = prepared.intersect(&primitive.corners, t_max)?;
-        Some(Hit { shape: primitive.shape, primitive: primitive.primitive, u: hit.u, v: hit.v, t: hit.t })
+        Some(Hit { shape: primitive.shape, primitive: primitive.index, u: hit.u, v: hit.v, t: hit.t })
     }
 
     #[inline(never)]
@@ -278,17 +279,17 @@ impl RayQuery for ObvhsQuery<'_> {
 fn collect(shapes: &[Shape]) -> (Vec<Primitive>, Vec<Aabb>) {
     let count = shapes.iter().map(|s| s.geometry.primitive_count() as usize).sum();
     let (mut primitives, mut boxes) = (Vec::with_capacity(count), Vec::with_capacity(count));
-    for (shape, index) in shapes.iter().zip(0..) {
+    for (shape, shape_index) in shapes.iter().zip(0..) {
         match &shape.geometry {
             Geometry::Mesh(mesh) => {
                 for triangle in 0..mesh.triangles().len() as u32 {
                     let corners = mesh.corners(triangle);
-                    primitives.push(Primitive { corners, shape: index, primitive: triangle });
+                    primitives.push(Primitive { corners, shape: shape_index, index: triangle });
                     boxes.push(corners.into_iter().fold(Aabb::EMPTY, Aabb::extend));
                 }
             }
             Geometry::Analytic(surface) => {
-                primitives.push(Primitive { corners: [Vec3::ZERO; 3], shape: index, primitive: ANALYTIC });
+                primitives.push(Primitive { corners: [Vec3::ZERO; 3], shape: shape_index, index: ANALYTIC });
                 boxes.push(surface.bounds());
             }
         }

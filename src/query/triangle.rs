@@ -66,7 +66,7 @@ impl WatertightRay {
         }
     }
 
-    #[inline(always)]
+    #[inline]
     fn intersect_along<const AXIS: usize>(&self, corners: &[Vec3; 3], t_max: f32) -> Option<TriangleHit> {
         let [(ax, ay, az), (bx, by, bz), (cx, cy, cz)] = corners.map(|corner| {
             let (x, y, z) = cyclic(AXIS, corner.as_dvec3() - self.origin);
@@ -90,7 +90,7 @@ impl WatertightRay {
 }
 
 /// The coordinates in cyclic order, `axis` last.
-#[inline(always)]
+#[inline]
 fn cyclic(axis: usize, v: DVec3) -> (f64, f64, f64) {
     match axis {
         0 => (v.y, v.z, v.x),

@@ -73,7 +73,7 @@ fn timed<T>(name: &str, build: impl FnOnce() -> T) -> T {
 }
 
 fn main() {
-    let thousands = std::env::args().filter_map(|a| a.parse::<f64>().ok()).next().unwrap_or(1000.0);
+    let thousands = std::env::args().find_map(|a| a.parse::<f64>().ok()).unwrap_or(1000.0);
     let mesh = bumpy_sphere((thousands * 500.0).sqrt() as u32);
     let count = mesh.triangles().len();
     let corners: Vec<[Vec3; 3]> = (0..count as u32).map(|i| mesh.corners(i)).collect();
