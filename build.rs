@@ -29,9 +29,9 @@ mod embree {
         "rtcSetGeometry(UserData|UserPrimitiveCount)",
         "rtcSetGeometry(Bounds|Intersect|Occluded)Function",
         "rtcCommit(Geometry|Scene)",
+        "rtcGetGeometry(BufferData)?",
         "rtcAttachGeometryByID",
         "rtcSetScene(BuildQuality|Flags)",
-        "rtcGetSceneBounds",
         "rtc(Intersect|Occluded)1",
     ];
     const TYPES: &[&str] = &[

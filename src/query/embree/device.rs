@@ -177,4 +177,29 @@ mod tests {
         assert!(error.contains("rtcNewGeometry") && error.len() > 20, "{error}");
         assert_eq!(device.check("rtcNewGeometry"), Ok(()));
     }
+
+    #[test]
+    fn what_a_scene_allocates_is_freed_with_it() {
+        use crate::query::embree::{EmbreeSettings, Scene, commit, geometry};
+        use crate::scene::{AnalyticShape, Geometry, TriangleMesh};
+        use glam::{DVec3, Vec3};
+
+        let corners = (0..3000).map(|i| Vec3::new(i as f32, (i % 7) as f32, (i % 3) as f32)).collect();
+        let triangles = (0..1000).map(|i| [3 * i, 3 * i + 1, 3 * i + 2]).collect();
+        let mesh = Geometry::Mesh(TriangleMesh::new(corners, triangles, vec![], vec![], false).unwrap());
+        let sphere = Geometry::Analytic(AnalyticShape::sphere(DVec3::ZERO, 1.0).unwrap());
+        let device = Device::new(0).unwrap();
+        let before = device.memory();
+        // SAFETY: the device is live.
+        let scene = Scene(unsafe { ffi::rtcNewScene(device.handle()) });
+        // SAFETY: the geometries are dropped after the scene.
+        unsafe {
+            geometry::attach(&device, &scene, 0, &mesh).unwrap();
+            geometry::attach(&device, &scene, 1, &sphere).unwrap();
+        }
+        commit(&device, &scene, EmbreeSettings::default()).unwrap();
+        assert!(device.memory() > before + 1000 * 16);
+        drop(scene);
+        assert_eq!(device.memory(), before);
+    }
 }

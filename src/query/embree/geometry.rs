@@ -151,3 +151,29 @@ fn open_interval(ray: &ffi::RTCRay) -> Ray {
         t_max: ray.tfar.next_up(),
     }
 }
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::query::embree::{EmbreeQuery, EmbreeSettings};
+    use crate::scene::{MaterialId, Shape};
+
+    #[test]
+    fn buffers_are_shared_and_not_copied() {
+        let positions = vec![Vec3::ZERO, Vec3::X, Vec3::Y];
+        let mesh = TriangleMesh::new(positions, vec![[0, 1, 2]], vec![], vec![], false).unwrap();
+        let (vertices, indices) = (mesh.positions().as_ptr().cast(), mesh.triangles().as_ptr().cast());
+        let shapes = [Shape {
+            name: String::new(),
+            geometry: Geometry::Mesh(mesh),
+            material: MaterialId(0),
+            emission: None,
+        }];
+        let query = EmbreeQuery::new(&shapes, EmbreeSettings::default()).unwrap();
+        // SAFETY: the scene is live and has a geometry 0.
+        let data =
+            |kind| unsafe { ffi::rtcGetGeometryBufferData(ffi::rtcGetGeometry(query.scene.0, 0), kind, 0) };
+        assert_eq!(data(ffi::RTC_BUFFER_TYPE_VERTEX).cast_const(), vertices);
+        assert_eq!(data(ffi::RTC_BUFFER_TYPE_INDEX).cast_const(), indices);
+    }
+}
