@@ -40,7 +40,11 @@ impl SurfacePoint {
         let p = (a.as_dvec3() + e1 * u64 + e2 * v64).as_vec3();
         let ng = e1.cross(e2).as_vec3();
         // Edges of 1e-20 square to f32 zero; normalise in f64 before rounding.
-        let mut ng = if ng.length_squared() > f32::MIN_POSITIVE { ng.normalize() } else { e1.cross(e2).normalize_or_zero().as_vec3() };
+        let mut ng = if ng.length_squared() > f32::MIN_POSITIVE {
+            ng.normalize()
+        } else {
+            e1.cross(e2).normalize_or_zero().as_vec3()
+        };
         let w = 1.0 - u - v;
         let mut ns = ng;
         if !mesh.normals().is_empty() {
@@ -96,7 +100,16 @@ impl SurfacePoint {
     /// The surface point of a hit at distance `t` along the ray from `o` in direction `d`.
     #[inline]
     #[allow(clippy::too_many_arguments)]
-    pub fn from_hit(shapes: &[Shape], shape: u32, primitive: u32, u: f32, v: f32, o: Vec3, d: Vec3, t: f32) -> Self {
+    pub fn from_hit(
+        shapes: &[Shape],
+        shape: u32,
+        primitive: u32,
+        u: f32,
+        v: f32,
+        o: Vec3,
+        d: Vec3,
+        t: f32,
+    ) -> Self {
         match &shapes[shape as usize].geometry {
             Geometry::Mesh(mesh) => Self::on_triangle(mesh, shape, primitive, u, v),
             Geometry::Analytic(analytic) => {
