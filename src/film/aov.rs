@@ -1,6 +1,6 @@
 //! Arbitrary output variables: what else than radiance an image can hold.
 //!
-//! Names of channels follow OpenEXR (`Z`), pbrt-v4 (`P`, `N` geometric, `Ns` shading) and Mitsuba (`uv.U`, `albedo.R`).
+//! Names of channels follow `OpenEXR` (`Z`), pbrt-v4 (`P`, `N` geometric, `Ns` shading) and Mitsuba (`uv.U`, `albedo.R`).
 
 use crate::scene::Rgb;
 use glam::{Vec2, Vec3};

@@ -12,7 +12,10 @@ pub struct Quantum {
 }
 
 impl Quantum {
-    /// The quantum 2^`log2`, with `log2` in -1000 to 900 so that conversions stay within normal f64.
+    /// The quantum 2^`log2`.
+    ///
+    /// # Panics
+    /// Unless `log2` is in -1000 to 900, where conversions stay within normal f64.
     pub const fn from_log2(log2: i32) -> Self {
         assert!(-1000 <= log2 && log2 <= 900, "quantum out of the range of f64");
         Self { log2 }
@@ -24,7 +27,7 @@ impl Quantum {
         power_of_two(self.log2)
     }
 
-    /// `x` in quanta, to nearest, ties to even. What does not fit (2^127 quanta or more, infinities, NaN) becomes the
+    /// `x` in quanta, to nearest, ties to even. What does not fit (2^126 quanta or more, infinities, NaN) becomes the
     /// greatest or least value, which [`ExactSum`] takes for infinite.
     #[inline]
     pub fn round(self, x: f64) -> i128 {
@@ -38,17 +41,19 @@ impl Quantum {
         // x = significand * 2^shift quanta.
         let shift = exponent.max(1) - 1075 - self.log2;
         let magnitude = match shift {
-            75.. => return if significand == 0 { 0 } else { saturated(x) },
-            0.. => i128::from(significand) << shift,
-            // Half a quantum is added, a trifle less if the integer part is even.
+            0..74 => i128::from(significand) << shift,
             -53..0 => {
+                // Half a quantum is added, a trifle less if the integer part is even.
                 let odd = significand >> -shift & 1;
                 i128::from((significand + (1 << (-shift - 1)) - 1 + odd) >> -shift)
             }
-            // significand < 2^53, so the value is below half a quantum.
+            74.. if significand != 0 => return saturated(x),
+            // Zero, or below half a quantum because significand < 2^53.
             _ => 0,
         };
-        if x.is_sign_negative() { -magnitude } else { magnitude }
+        // Two's complement by the sign mask: signs of radiance are predictable, those of filter weights are not.
+        let sign = i128::from((bits as i64) >> 63);
+        (magnitude ^ sign) - sign
     }
 }
 
@@ -58,12 +63,18 @@ pub(super) fn power_of_two(exponent: i32) -> f64 {
     f64::from_bits(((exponent + 1023) as u64) << 52)
 }
 
+/// Whether a sum is below 2^126 in magnitude (or is -2^126, which does no harm).
+#[inline]
+fn in_range(sum: i128) -> bool {
+    sum >> 126 == sum >> 127
+}
+
 #[cold]
 fn saturated(x: f64) -> i128 {
     if x.is_sign_negative() { i128::MIN } else { i128::MAX }
 }
 
-/// A sum of multiples of a [`Quantum`], exact within +-2^127 quanta.
+/// A sum of multiples of a [`Quantum`], exact as long as it stays below 2^126 quanta in magnitude.
 ///
 /// The quantum is not stored: a film has millions of sums and few quanta. Beyond the range a sum is infinite and stays so.
 #[derive(Debug, Clone, Copy, Default, PartialEq, Eq)]
@@ -74,17 +85,29 @@ impl ExactSum {
     #[inline]
     #[must_use]
     pub fn add(&mut self, quanta: i128) -> bool {
+        // What is in range cannot wrap around. An infinite sum is 2^126 away from the range, so no term brings it back.
+        let sum = self.0.wrapping_add(quanta);
+        if in_range(sum) & in_range(quanta) {
+            self.0 = sum;
+            return false;
+        }
+        self.overflow(quanta)
+    }
+
+    /// Makes the sum infinite unless it is already.
+    #[cold]
+    fn overflow(&mut self, quanta: i128) -> bool {
         if self.is_infinite() {
             return false;
         }
-        self.0 = self.0.saturating_add(quanta);
-        self.is_infinite()
+        self.0 = if quanta > 0 { i128::MAX } else { i128::MIN };
+        true
     }
 
     /// Whether the sum has left its range.
     #[inline]
     pub fn is_infinite(self) -> bool {
-        self.0 == i128::MAX || self.0 == i128::MIN
+        !in_range(self.0)
     }
 
     /// The sum in quanta.
@@ -148,7 +171,7 @@ mod tests {
         let mut bits = 0x1234_5678_9abc_def0_u64;
         for _ in 0..100_000 {
             bits = bits.wrapping_mul(6_364_136_223_846_793_005).wrapping_add(1_442_695_040_888_963_407);
-            let exponent = 1023 - 60 + (bits >> 32) % 180;
+            let exponent = 1023 - 60 + (bits >> 32) % 186;
             let x = f64::from_bits(bits & 0x800f_ffff_ffff_ffff | exponent << 52);
             assert_eq!(UNIT.round(x), x.round_ties_even() as i128, "{x:e}");
         }
@@ -166,15 +189,21 @@ mod tests {
 
     #[test]
     fn what_does_not_fit_is_infinite_and_stays_so() {
-        for x in [2f64.powi(127), f64::INFINITY, f64::MAX] {
+        for x in [2f64.powi(126), f64::INFINITY, f64::MAX] {
             assert_eq!(UNIT.round(x), i128::MAX);
             assert_eq!(UNIT.round(-x), i128::MIN);
         }
-        assert_eq!(UNIT.round(2f64.powi(126)), 1 << 126);
-        let mut sum = ExactSum::default();
-        assert!(!sum.add(1 << 126));
-        assert!(sum.add(1 << 126));
-        assert!(!sum.add(-(1 << 126)), "reported once");
-        assert_eq!(sum.value(UNIT), f64::INFINITY);
+        assert_eq!(UNIT.round(2f64.powi(125)), 1 << 125);
+        for sign in [1, -1] {
+            for last in [sign << 125, UNIT.round(sign as f64 * f64::INFINITY)] {
+                let mut sum = ExactSum::default();
+                assert!(!sum.add(sign * ((1 << 125) + 1)));
+                assert!(sum.add(last));
+                for more in [last, -last, sign, -sign, 0] {
+                    assert!(!sum.add(more), "reported once");
+                    assert_eq!(sum.value(UNIT), sign as f64 * f64::INFINITY);
+                }
+            }
+        }
     }
 }

@@ -92,8 +92,11 @@ impl FilterTable {
         let ends = [&weights[..taps], &weights[RESOLUTION * taps..]];
         let half: f64 = ends.into_iter().flatten().sum::<f64>() / 2.0;
         let integral = (weights.iter().sum::<f64>() - half) / RESOLUTION as f64;
-        (integral.is_finite() && integral > 0.0)
-            .then(|| Self { border, is_box: false, rows: weights.iter().map(|w| (w / integral) as f32).collect() })
+        (integral.is_finite() && integral > 0.0).then(|| Self {
+            border,
+            is_box: false,
+            rows: weights.iter().map(|w| (w / integral) as f32).collect(),
+        })
     }
 
     /// How many pixels beyond its own a sample reaches, in each direction.
@@ -146,7 +149,9 @@ mod tests {
     fn integral(filter: &Filter) -> f64 {
         let r = f64::from(radius(filter));
         let n = 400_000;
-        (0..n).map(|i| evaluate(filter, (f64::from(i) + 0.5) / f64::from(n) * 2.0 * r - r)).sum::<f64>() * 2.0 * r
+        (0..n).map(|i| evaluate(filter, (f64::from(i) + 0.5) / f64::from(n) * 2.0 * r - r)).sum::<f64>()
+            * 2.0
+            * r
             / f64::from(n)
     }
 

@@ -17,7 +17,7 @@ pub enum Pixels {
 /// A named channel of an [`Image`].
 #[derive(Debug, Clone, PartialEq)]
 pub struct Channel {
-    /// Name as in OpenEXR: `R`, `albedo.R`, `Z`.
+    /// Name as in `OpenEXR`: `R`, `albedo.R`, `Z`.
     pub name: &'static str,
     /// One value per pixel of the crop window.
     pub pixels: Pixels,

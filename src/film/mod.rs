@@ -16,44 +16,43 @@
 //! What is not here: the choice of passes and when to stop ([`crate::render`]), and tone mapping beyond the sRGB
 //! transfer function of PNG.
 
+// Coordinates stay below 2^24.
+#![allow(clippy::cast_possible_wrap)]
+
 pub mod aov;
+mod dropped;
 pub mod exact;
 pub mod filter;
 mod image;
+mod layout;
 pub mod output;
 mod passes;
 mod reconstruct;
 mod samples;
+mod splats;
 pub mod state;
 
 pub use aov::{Aov, AovRecord, AovSet, NO_ID};
+pub use dropped::{Dropped, DroppedExample};
 pub use image::{Channel, Image, Pixels};
 pub use passes::PassRanges;
 pub use samples::{Band, PassSamples, Sample, SampledArea, Splat};
 
-use crate::scene::{Filter, FilmSettings, PixelRect, Rgb};
+use crate::scene::{FilmSettings, Filter, PixelRect};
 use aov::AVERAGED;
-use exact::{ExactSum, Quantum, power_of_two};
+use dropped::is_kept;
+use exact::ExactSum;
 use filter::FilterTable;
-use glam::{IVec2, UVec2};
+use glam::UVec2;
+use layout::{AovOutcome, COUNT, Layout, Scale, WEIGHT};
 use rayon::prelude::*;
-use reconstruct::{Reconstruction, Weighted};
-use serde::{Deserialize, Serialize};
+use reconstruct::Reconstruction;
 
 /// Rows of pixels that one task adds to.
 const TASK_ROWS: usize = 16;
 
-/// How many of the dropped contributions are reported with their pixel and pass.
-const DROPPED_EXAMPLES: usize = 8;
-
 /// Largest width and height: coordinates are exact in f32.
 const MAX_SIZE: u32 = 1 << 24;
-
-/// Fixed point of what does not scale with the scene's radiance: filter weights, AOVs.
-const WEIGHT: Quantum = Quantum::from_log2(-64);
-
-/// Fixed point of counts.
-const COUNT: Quantum = Quantum::from_log2(0);
 
 /// Why a film cannot be made or added to.
 #[derive(Debug, Clone, PartialEq, thiserror::Error)]
@@ -91,185 +90,6 @@ pub enum FilmError {
     Mismatch(&'static str),
 }
 
-/// Contributions that were left out of the sums, and sums that left their range.
-#[derive(Debug, Clone, Default, PartialEq, Eq, Serialize, Deserialize)]
-pub struct Dropped {
-    /// Camera samples whose radiance was NaN, infinite or beyond 2^40 radiance units. They count as black.
-    pub samples: u64,
-    /// Splats likewise, or of a position that is no number.
-    pub splats: u64,
-    /// AOV records with a value that was not finite. They count as misses.
-    pub records: u64,
-    /// Sums that became infinite.
-    pub overflows: u64,
-    /// The first few dropped samples and splats, in order of pass and pixel.
-    pub examples: Vec<DroppedExample>,
-}
-
-/// Where a contribution was dropped.
-#[derive(Debug, Clone, Copy, PartialEq, Eq, PartialOrd, Ord, Serialize, Deserialize)]
-pub struct DroppedExample {
-    /// The pass.
-    pub pass: u32,
-    /// Row of the pixel on the full film.
-    pub y: i32,
-    /// Column of the pixel on the full film.
-    pub x: i32,
-}
-
-impl Dropped {
-    /// Whether nothing was dropped and nothing overflowed.
-    pub fn is_none(&self) -> bool {
-        self.samples == 0 && self.splats == 0 && self.records == 0 && self.overflows == 0
-    }
-
-    fn merge(&mut self, other: &Self) {
-        self.samples += other.samples;
-        self.splats += other.splats;
-        self.records += other.records;
-        self.overflows += other.overflows;
-        self.note(other.examples.iter().copied());
-    }
-
-    fn note(&mut self, examples: impl IntoIterator<Item = DroppedExample>) {
-        self.examples.extend(examples);
-        self.examples.sort_unstable();
-        self.examples.truncate(DROPPED_EXAMPLES);
-    }
-}
-
-/// Whether a radiance is added or dropped.
-#[inline]
-fn is_kept(radiance: Rgb, limit: f32) -> bool {
-    // NaN compares false.
-    radiance.abs().cmple(Rgb::splat(limit)).all()
-}
-
-/// Fixed points and limits that follow from the radiance unit.
-#[derive(Debug, Clone, Copy, PartialEq, Eq)]
-struct Scale {
-    /// Binary logarithm of the radiance unit.
-    unit_log2: i32,
-}
-
-impl Scale {
-    fn new(radiance_unit: f32) -> Self {
-        // The exponent's bits rather than a logarithm, which may differ between machines.
-        let exponent = (radiance_unit.to_bits() >> 23) as i32 - 127;
-        let usable = radiance_unit.is_normal() && radiance_unit > 0.0;
-        Self { unit_log2: if usable { exponent } else { 0 } }
-    }
-
-    /// Of radiance, and of radiance times filter weight.
-    fn radiance(self) -> Quantum {
-        Quantum::from_log2(self.unit_log2 - 64)
-    }
-
-    /// Of squared radiance.
-    fn squared(self) -> Quantum {
-        Quantum::from_log2(2 * self.unit_log2 - 56)
-    }
-
-    /// The greatest radiance that is not dropped. A sum holds 2^23 of these.
-    fn limit(self) -> f32 {
-        power_of_two(self.unit_log2 + 40).min(f64::from(f32::MAX)) as f32
-    }
-}
-
-/// Where in the sums of a pixel each quantity is. The first three are the sums of f L.
-#[derive(Debug, Clone, PartialEq)]
-struct Layout {
-    /// Sum of f. The box filter has none: there it is the number of passes.
-    weight: Option<usize>,
-    /// For the variance: sums of (f L)^2, then, unless the filter is the box, of f L f (three each), and of f^2.
-    moments: Option<usize>,
-    /// Number of samples that were kept.
-    kept: Option<usize>,
-    /// Number of samples that hit something, followed by the sums of `averaged`.
-    hits: Option<usize>,
-    /// Indices into [`AVERAGED`].
-    averaged: Vec<usize>,
-    /// Sums per pixel.
-    stride: usize,
-}
-
-impl Layout {
-    fn new(is_box: bool, aovs: AovSet) -> Self {
-        let mut stride = 3;
-        let mut take = |wanted: bool, count: usize| {
-            let at = stride;
-            stride += if wanted { count } else { 0 };
-            wanted.then_some(at)
-        };
-        let averaged = aovs.averaged();
-        let weight = take(!is_box, 1);
-        let moments = take(aovs.contains(Aov::Variance), if is_box { 3 } else { 7 });
-        let kept = take(aovs.contains(Aov::SampleCount), 1);
-        let hits = take(!averaged.is_empty(), 1 + averaged.len());
-        Self { weight, moments, kept, hits, averaged, stride }
-    }
-
-    /// Adds the weighted sums of one pass to those of a pixel. Returns the number of sums that left their range.
-    #[inline]
-    fn add(&self, sums: &mut [ExactSum], pass: Weighted, scale: Scale) -> u64 {
-        let mut overflows = 0;
-        for (sum, &a) in sums.iter_mut().zip(&pass[..3]) {
-            overflows += u64::from(sum.add(scale.radiance().round(a)));
-        }
-        let b = pass[3];
-        if let Some(weight) = self.weight {
-            overflows += u64::from(sums[weight].add(WEIGHT.round(b)));
-        }
-        if let Some(moments) = self.moments {
-            self.add_moments(&mut sums[moments..], pass, scale);
-        }
-        overflows
-    }
-
-    /// Overflow here is not an event of its own: it makes the variance infinite.
-    fn add_moments(&self, moments: &mut [ExactSum], pass: Weighted, scale: Scale) {
-        let b = pass[3];
-        for (channel, &a) in pass[..3].iter().enumerate() {
-            let _ = moments[channel].add(scale.squared().round(a * a));
-            if self.weight.is_some() {
-                let _ = moments[3 + channel].add(scale.radiance().round(a * b));
-            }
-        }
-        if self.weight.is_some() {
-            let _ = moments[6].add(WEIGHT.round(b * b));
-        }
-    }
-
-    /// Adds what AOVs need of the pixel's own sample.
-    fn add_record(&self, sums: &mut [ExactSum], kept: bool, record: Option<&AovRecord>) -> AovOutcome {
-        let mut outcome = AovOutcome::default();
-        if let Some(at) = self.kept {
-            outcome.overflows += u64::from(sums[at].add(i128::from(kept)));
-        }
-        let (Some(hits), Some(record)) = (self.hits, record) else { return outcome };
-        if !record.is_hit() {
-            return outcome;
-        }
-        let values = record.values();
-        if !self.averaged.iter().all(|&i| values[i].is_finite()) {
-            outcome.dropped = 1;
-            return outcome;
-        }
-        outcome.overflows += u64::from(sums[hits].add(1));
-        for (sum, &i) in sums[hits + 1..].iter_mut().zip(&self.averaged) {
-            outcome.overflows += u64::from(sum.add(WEIGHT.round(f64::from(values[i]))));
-        }
-        outcome
-    }
-}
-
-/// What became of the AOVs of some pixels.
-#[derive(Debug, Clone, Copy, Default)]
-struct AovOutcome {
-    dropped: u64,
-    overflows: u64,
-}
-
 /// Exact sums over passes, from which images are developed.
 #[derive(Debug, Clone)]
 pub struct Film {
@@ -294,11 +114,36 @@ impl Film {
     /// `radiance_unit` is a radiance that is typical of the scene, within some orders of magnitude: sums are multiples
     /// of 2^-64 of it and hold up to 2^63 times it. Only its binary exponent matters. A value that is not positive,
     /// normal and finite (a scene without light) is taken for 1.
+    ///
+    /// # Errors
+    /// If sizes, crop window or filter make no sense, or memory is short.
     pub fn new(settings: &FilmSettings, aovs: AovSet, radiance_unit: f32) -> Result<Self, FilmError> {
         Self::with_scale(settings, aovs, Scale::new(radiance_unit))
     }
 
     fn with_scale(settings: &FilmSettings, aovs: AovSet, scale: Scale) -> Result<Self, FilmError> {
+        let filter = Self::check(settings)?;
+        let layout = Layout::new(filter.is_box(), aovs);
+        let size = settings.crop.size;
+        let sums = zeroed(size, layout.stride, ExactSum::default())?;
+        let ids = zeroed(size, usize::from(aovs.has_ids()), [NO_ID; 2])?;
+        let (passes, dropped, splats) = (PassRanges::default(), Dropped::default(), Vec::new());
+        Ok(Self {
+            settings: settings.clone(),
+            aovs,
+            scale,
+            filter,
+            layout,
+            passes,
+            dropped,
+            sums,
+            splats,
+            ids,
+        })
+    }
+
+    /// Checks the settings; returns the filter ready for use.
+    fn check(settings: &FilmSettings) -> Result<FilterTable, FilmError> {
         let FilmSettings { size, crop, filter, .. } = *settings;
         if size.min_element() == 0 || size.max_element() > MAX_SIZE {
             return Err(FilmError::Size(size));
@@ -307,12 +152,14 @@ impl Film {
         if !(fits(crop.min.x, crop.size.x, size.x) && fits(crop.min.y, crop.size.y, size.y)) {
             return Err(FilmError::Crop { crop, film: size });
         }
-        let filter = FilterTable::new(&filter).ok_or(FilmError::Filter(filter))?;
-        let layout = Layout::new(filter.is_box(), aovs);
-        let sums = zeroed(crop.size, layout.stride, ExactSum::default())?;
-        let ids = zeroed(crop.size, usize::from(aovs.has_ids()), [NO_ID; 2])?;
-        let (passes, dropped, splats) = (PassRanges::default(), Dropped::default(), Vec::new());
-        Ok(Self { settings: settings.clone(), aovs, scale, filter, layout, passes, dropped, sums, splats, ids })
+        FilterTable::new(&filter).ok_or(FilmError::Filter(filter))
+    }
+
+    /// Bytes that a film keeps per pixel, without splats.
+    fn bytes_per_pixel(settings: &FilmSettings, aovs: AovSet) -> Result<usize, FilmError> {
+        let layout = Layout::new(Self::check(settings)?.is_box(), aovs);
+        let ids = if aovs.has_ids() { size_of::<[u32; 2]>() } else { 0 };
+        Ok(layout.stride * size_of::<ExactSum>() + ids)
     }
 
     /// What the film was made for.
@@ -369,7 +216,7 @@ impl Film {
         }
         if let Some(samples) = samples {
             assert_eq!(samples.area(), self.sampled_area(), "samples of another film");
-            self.note_dropped_samples(pass, samples);
+            self.dropped.note_samples(pass, samples, self.scale.limit());
             self.add_samples(samples);
             self.add_records(samples);
             if is_lowest {
@@ -382,22 +229,6 @@ impl Film {
 
     fn width(&self) -> usize {
         self.settings.crop.size.x as usize
-    }
-
-    fn note_dropped_samples(&mut self, pass: u32, samples: &PassSamples) {
-        let limit = self.scale.limit();
-        let all = samples.samples();
-        let count: usize = all.par_chunks(1 << 14).map(|c| count_dropped(c, limit)).sum();
-        if count == 0 {
-            return;
-        }
-        self.dropped.samples += count as u64;
-        let SampledArea { min, size } = samples.area();
-        let first = all.iter().enumerate().filter(|(_, s)| !is_kept(s.radiance, limit)).take(DROPPED_EXAMPLES);
-        self.dropped.note(first.map(|(i, _)| {
-            let (x, y) = (i % size.x as usize, i / size.x as usize);
-            DroppedExample { pass, x: min.x + x as i32, y: min.y + y as i32 }
-        }));
     }
 
     fn add_samples(&mut self, samples: &PassSamples) {
@@ -451,28 +282,13 @@ impl Film {
         }
     }
 
-    /// Each task looks at all splats and adds those that reach its rows: no locks, and few tasks, so little is read twice.
     fn add_splats(&mut self, pass: u32, splats: &[Splat]) {
         if splats.is_empty() {
             return;
         }
-        let limit = self.scale.limit();
-        let is_dropped = |s: &&Splat| !(s.position.is_finite() && is_kept(s.radiance, limit));
-        let mut dropped: Vec<_> = splats.par_iter().filter(is_dropped).collect();
-        self.dropped.splats += dropped.len() as u64;
-        dropped.sort_unstable_by_key(|s| splat_example(pass, s));
-        self.dropped.note(dropped.into_iter().take(DROPPED_EXAMPLES).map(|s| splat_example(pass, s)));
-
-        let (width, height) = (self.width(), self.settings.crop.size.y as usize);
-        let rows = height.div_ceil(2 * rayon::current_num_threads());
-        let origin = self.settings.crop.min.as_ivec2();
-        let Self { filter, scale, splats: sums, .. } = self;
-        let add = |(i, sums): (usize, &mut [ExactSum])| {
-            let part = SplatTarget::new(filter, *scale, origin + IVec2::new(0, (i * rows) as i32), width, sums);
-            part.add(splats.iter().filter(|s| !is_dropped(s)))
-        };
-        let overflows: u64 = sums.par_chunks_mut(rows * width * 3).enumerate().map(add).sum();
-        self.dropped.overflows += overflows;
+        self.dropped.note_splats(pass, splats, self.scale.limit());
+        let Self { filter, scale, splats: sums, settings, .. } = self;
+        self.dropped.overflows += splats::add_splats(splats, filter, *scale, settings.crop, sums);
     }
 
     /// Adds the passes of another film of the same scene.
@@ -554,7 +370,9 @@ impl Film {
             ratio(sums[hits + 1 + slot].value(WEIGHT), sums[hits].value(COUNT))
         };
         match averaged.aov {
-            Aov::Albedo | Aov::GeometricNormal | Aov::ShadingNormal => self.colour_channel(averaged.channel, mean),
+            Aov::Albedo | Aov::GeometricNormal | Aov::ShadingNormal => {
+                self.colour_channel(averaged.channel, mean)
+            }
             _ => Channel { name: averaged.channel, pixels: Pixels::Float(self.per_pixel(mean)) },
         }
     }
@@ -606,16 +424,6 @@ fn ratio(a: f64, b: f64) -> f64 {
     if b == 0.0 { 0.0 } else { a / b }
 }
 
-fn count_dropped(samples: &[Sample], limit: f32) -> usize {
-    samples.iter().filter(|s| !is_kept(s.radiance, limit)).count()
-}
-
-/// Where a splat lies; what is no number counts as 0.
-fn splat_example(pass: u32, splat: &Splat) -> DroppedExample {
-    let pixel = splat.position.floor().as_ivec2();
-    DroppedExample { pass, x: pixel.x, y: pixel.y }
-}
-
 /// `count` elements per pixel, or an error instead of the abort that `vec!` would be.
 fn zeroed<T: Clone>(size: UVec2, count: usize, zero: T) -> Result<Vec<T>, FilmError> {
     let elements = u128::from(size.x) * u128::from(size.y) * count as u128;
@@ -630,55 +438,4 @@ fn zeroed<T: Clone>(size: UVec2, count: usize, zero: T) -> Result<Vec<T>, FilmEr
 /// Adds sums to sums. Returns how many left their range.
 fn merge_sums(own: &mut [ExactSum], other: &[ExactSum]) -> u64 {
     own.par_iter_mut().zip(other).map(|(a, b)| u64::from(a.add(b.quanta()))).sum()
-}
-
-/// Some rows of the film that splats are added to.
-struct SplatTarget<'a> {
-    filter: &'a FilterTable,
-    quantum: Quantum,
-    /// First pixel.
-    min: IVec2,
-    size: IVec2,
-    sums: &'a mut [ExactSum],
-    /// Weights per axis.
-    x: Vec<f32>,
-    y: Vec<f32>,
-}
-
-impl<'a> SplatTarget<'a> {
-    fn new(filter: &'a FilterTable, scale: Scale, min: IVec2, width: usize, sums: &'a mut [ExactSum]) -> Self {
-        let size = IVec2::new(width as i32, (sums.len() / 3 / width) as i32);
-        let weights = vec![0.0; filter.taps()];
-        Self { filter, quantum: scale.radiance(), min, size, sums, x: weights.clone(), y: weights }
-    }
-
-    /// Adds finite splats. Returns the number of sums that left their range.
-    fn add<'s>(mut self, splats: impl Iterator<Item = &'s Splat>) -> u64 {
-        let border = self.filter.border() as f32;
-        let low = self.min.as_vec2() - border;
-        let high = (self.min + self.size).as_vec2() + border;
-        splats
-            .filter(|s| s.position.cmpge(low).all() && s.position.cmplt(high).all())
-            .map(|s| self.add_one(s))
-            .sum()
-    }
-
-    fn add_one(&mut self, splat: &Splat) -> u64 {
-        let corner = splat.position.floor();
-        let jitter = splat.position - corner;
-        self.filter.weights(jitter.x, &mut self.x);
-        self.filter.weights(jitter.y, &mut self.y);
-        let first = corner.as_ivec2() - self.filter.border() as i32 - self.min;
-        let mut overflows = 0;
-        for (y, wy) in (first.y..).zip(&self.y).filter(|(y, _)| (0..self.size.y).contains(y)) {
-            for (x, wx) in (first.x..).zip(&self.x).filter(|(x, _)| (0..self.size.x).contains(x)) {
-                let weight = f64::from(*wx) * f64::from(*wy);
-                let pixel = (y as usize * self.size.x as usize + x as usize) * 3;
-                for (sum, value) in self.sums[pixel..pixel + 3].iter_mut().zip(splat.radiance.to_array()) {
-                    overflows += u64::from(sum.add(self.quantum.round(weight * f64::from(value))));
-                }
-            }
-        }
-        overflows
-    }
 }

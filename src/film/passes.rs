@@ -61,6 +61,7 @@ impl PassRanges {
     }
 
     /// The passes of both sets together.
+    #[must_use]
     pub fn union(&self, other: &Self) -> Self {
         let mut all: Vec<_> = self.0.iter().chain(&other.0).cloned().collect();
         all.sort_by_key(|r| r.start);

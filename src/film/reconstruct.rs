@@ -1,8 +1,8 @@
 //! The weighted sums of one pass: from samples to pixels through the filter.
 
+use super::dropped::is_kept;
 use super::filter::FilterTable;
-use super::samples::PassSamples;
-use super::{is_kept, samples::Sample};
+use super::samples::{PassSamples, Sample};
 use crate::scene::Rgb;
 use std::ops::Range;
 
@@ -56,7 +56,7 @@ impl<'a> Reconstruction<'a> {
             self.load(block.clone(), rows.clone());
             for y in rows.clone() {
                 for x in block.clone() {
-                    add(x, y, self.gather(x - block.start, y - rows.start));
+                    add(x, y, self.sum_around(x - block.start, y - rows.start));
                 }
             }
         }
@@ -85,8 +85,20 @@ impl<'a> Reconstruction<'a> {
 
     /// Sums over the samples around a pixel of the block.
     #[inline]
-    fn gather(&self, x: usize, y: usize) -> Weighted {
-        let taps = self.table.taps();
+    fn sum_around(&self, x: usize, y: usize) -> Weighted {
+        // Constants, so that the loops are unrolled for the filters of a usual size.
+        match self.table.taps() {
+            3 => self.sum_taps(3, x, y),
+            5 => self.sum_taps(5, x, y),
+            7 => self.sum_taps(7, x, y),
+            taps => self.sum_taps(taps, x, y),
+        }
+    }
+
+    // Without inlining there would be no constants.
+    #[allow(clippy::inline_always)]
+    #[inline(always)]
+    fn sum_taps(&self, taps: usize, x: usize, y: usize) -> Weighted {
         let mut total = [0.0; 4];
         for dy in 0..taps {
             let first = (y + dy) * self.width + x;

@@ -76,6 +76,12 @@ impl PassSamples {
         })
     }
 
+    /// The pixel of the sample of an index.
+    pub(super) fn pixel(&self, index: usize) -> IVec2 {
+        let width = self.area.size.x as usize;
+        self.area.min + IVec2::new((index % width) as i32, (index / width) as i32)
+    }
+
     /// All samples, row by row.
     pub(super) fn samples(&self) -> &[Sample] {
         &self.samples
