@@ -3,6 +3,7 @@
 mod analytic;
 mod analytic_shapes;
 mod backends;
+mod bsdf;
 mod camera;
 mod lights;
 mod query;
@@ -12,7 +13,6 @@ mod query_obvhs;
 mod sampler;
 mod scene_builder;
 mod spherical;
-mod support;
-mod bsdf;
 mod statistics;
+mod support;
 mod warp;
