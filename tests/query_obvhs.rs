@@ -2,7 +2,8 @@
 
 use glam::{DVec3, Vec3};
 use helmholtz::query::obvhs::BuildQuality;
-use helmholtz::query::{ObvhsQuery, Ray, RayQuery};
+use helmholtz::query::obvhs::ObvhsQuery;
+use helmholtz::query::{Ray, RayQuery};
 use helmholtz::scene::Shape;
 
 use crate::query::Backend;

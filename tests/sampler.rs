@@ -8,13 +8,9 @@ use helmholtz::sampling::Sampler;
 
 const Z_LIMIT: f64 = 5.5;
 
-/// Block `block` (four dimensions) of sample `index`.
-fn block(seed: u64, stream: u64, index: u32, block: usize) -> [f32; 4] {
-    let mut sampler = Sampler::new(seed, stream, index);
-    for _ in 0..block {
-        sampler.next_4d();
-    }
-    sampler.next_4d()
+/// Dimension set `set` of sample `index`.
+fn block(seed: u64, stream: u64, index: u32, set: u32) -> [f32; 4] {
+    Sampler::new(seed, stream, index).block(set)
 }
 
 /// z-score of the correlation of pairs, which are independent and uniform under the hypothesis.
@@ -52,12 +48,10 @@ fn net_quality(points: &[(f32, f32)]) -> u32 {
 fn numbers_are_in_the_unit_interval_and_repeatable() {
     for index in [0, 1, 65_535, 65_536, u32::MAX] {
         for stream in [0, 1, u64::MAX] {
-            let mut sampler = Sampler::new(7, stream, index);
-            let mut again = Sampler::new(7, stream, index);
-            for _ in 0..400 {
-                let u = sampler.next_1d();
-                assert!((0.0..1.0).contains(&u));
-                assert_eq!(u, again.next_1d());
+            for set in 0..100 {
+                let numbers = block(7, stream, index, set);
+                assert!(numbers.iter().all(|u| (0.0..1.0).contains(u)));
+                assert_eq!(numbers, block(7, stream, index, set));
             }
         }
     }
@@ -75,7 +69,7 @@ fn each_dimension_is_stratified_over_indices() {
                     fullest_cell(&projected, 1024, 1),
                     1,
                     "stream {stream}, dimension {}",
-                    4 * set + d
+                    4 * set as usize + d
                 );
             }
         }
@@ -166,7 +160,7 @@ fn blocks_of_a_sample_are_uncorrelated_over_streams() {
 
 #[test]
 fn dimensions_beyond_the_sequence_are_independent() {
-    const BEYOND: usize = 64;
+    const BEYOND: u32 = 64;
     for (a, b) in [(0, 1), (0, 3), (1, 2), (2, 3)] {
         let over_indices = (0..16_384).map(|i| block(8, 3, i, BEYOND)).map(|v| (v[a], v[b]));
         assert_uncorrelated(over_indices, &format!("dimensions {a} and {b} of a block"));
@@ -199,15 +193,4 @@ fn every_dimension_is_uniform_over_streams() {
             );
         }
     }
-}
-
-#[test]
-fn numbers_are_dealt_in_blocks_of_four() {
-    let (first, second) = (block(1, 2, 3, 0), block(1, 2, 3, 1));
-    let mut sampler = Sampler::new(1, 2, 3);
-    assert_eq!(sampler.next_1d(), first[0]);
-    assert_eq!(sampler.next_2d().to_array(), [first[1], first[2]]);
-    // One number is left, so a pair is taken from the next block whole.
-    assert_eq!(sampler.next_2d().to_array(), [second[0], second[1]]);
-    assert_eq!(sampler.next_4d(), block(1, 2, 3, 2));
 }

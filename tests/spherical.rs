@@ -5,9 +5,12 @@
 //! than 100 of them, so all together raise a false alarm with a chance below 3e-5.
 
 use glam::{DVec3, Vec2, Vec3, dvec3, vec2, vec3};
-use helmholtz::sampling::sampler::{ONE_MINUS_EPSILON, mix};
+use helmholtz::sampling::sampler::mix;
 use helmholtz::sampling::spherical::{SphereCone, SphericalRectangle, SphericalTriangle};
 use std::f64::consts::{PI, TAU};
+
+/// Largest f32 below 1.
+const ONE_MINUS_EPSILON: f32 = 1.0 - f32::EPSILON / 2.0;
 
 const SAMPLES: u64 = 40_000;
 
