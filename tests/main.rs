@@ -6,6 +6,7 @@ mod backends;
 mod bsdf;
 mod camera;
 mod lights;
+mod mitsuba;
 mod query;
 #[cfg(feature = "embree")]
 mod query_embree;

@@ -3,15 +3,9 @@
 
 Each scene is rendered in independent runs with seeds of their own. For a scene NAME.xml two files are written:
 
-NAME.json  width, height, block (edge of a block in pixels), blocks_x, blocks_y, runs, spp (samples per pixel in a run) and
+NAME.json  width, height, runs, spp (samples per pixel in a run) and
            the version of Mitsuba
-NAME.f32   little-endian floats, rows from the top, three channels (r, g, b) interleaved:
-           mean per pixel        [height][width][3]
-           mean per block        [blocks_y][blocks_x][3]
-           its standard error    [blocks_y][blocks_x][3]
-
-The standard error is that of the mean over the runs, from their spread; with 16 runs it has 15 degrees of freedom. Blocks at the
-right and the lower border are smaller where the block does not divide the film.
+NAME.f32   little-endian floats: every run's image, rows from the top, three channels (r, g, b) interleaved
 
 Any failure ends the program with a message and an exit code other than 0. Needs `pip install mitsuba`.
 """
@@ -28,13 +22,7 @@ import numpy as np
 VARIANT = "scalar_rgb"
 
 
-def block_means(image, block):
-    """Mean per block of an image [height][width][channels]."""
-    rows = [image[y : y + block] for y in range(0, image.shape[0], block)]
-    return np.array([[row[:, x : x + block].mean(axis=(0, 1)) for x in range(0, image.shape[1], block)] for row in rows])
-
-
-def render(path, spp, runs, block, out):
+def render(path, spp, runs, out):
     """Renders one scene and writes its two files; returns a line to print."""
     import drjit
     import mitsuba
@@ -55,31 +43,22 @@ def render(path, spp, runs, block, out):
             raise ValueError(f"{np.count_nonzero(~np.isfinite(image))} values of run {seed} are not finite")
         images.append(image)
     images = np.array(images)
-    blocks = np.array([block_means(image, block) for image in images])
-    mean, block_mean = images.mean(axis=0), blocks.mean(axis=0)
-    standard_error = blocks.std(axis=0, ddof=1) / np.sqrt(runs)
-    if not standard_error.max() > 0:
+    if not images.std(axis=0).max() > 0:
         raise ValueError("all runs are the same: the seed has no effect")
 
     description = {
         "scene": path.name,
         "width": width,
         "height": height,
-        "block": block,
-        "blocks_x": block_mean.shape[1],
-        "blocks_y": block_mean.shape[0],
         "runs": runs,
         "spp": spp,
         "mitsuba": mitsuba.__version__,
     }
-    data = b"".join(a.astype("<f4").tobytes() for a in (mean, block_mean, standard_error))
-    (out / f"{path.stem}.f32").write_bytes(data)
+    (out / f"{path.stem}.f32").write_bytes(images.astype("<f4").tobytes())
     # Last, so that a description never lacks its data.
     (out / f"{path.stem}.json").write_text(json.dumps(description, indent=1) + "\n")
-    relative = np.sqrt((standard_error**2).mean()) / block_mean.mean()
-    worst = (standard_error / np.maximum(block_mean, 1e-3 * block_mean.mean())).max()
     seconds = time.monotonic() - start
-    return f"{path.stem}: mean {mean.mean():.4g}, standard error {relative:.2%} rms, {worst:.2%} at most, {runs} x {spp} spp, {seconds:.1f} s"
+    return f"{path.stem}: mean {images.mean():.4g}, {runs} x {spp} spp, {seconds:.1f} s"
 
 
 def render_or_say_why(job):
@@ -96,7 +75,6 @@ def main():
     parser.add_argument("--out", type=pathlib.Path, required=True, help="directory for the results")
     parser.add_argument("--spp", type=int, help="samples per pixel in a run; by default the scene's sample_count")
     parser.add_argument("--runs", type=int, default=16, help="independent runs, at least 2 (default 16)")
-    parser.add_argument("--block", type=int, default=8, help="edge of a block in pixels (default 8)")
     parser.add_argument("--workers", type=int, default=2, help="processes, each with one thread (default 2)")
     arguments = parser.parse_args()
     if arguments.runs < 2:
@@ -105,7 +83,7 @@ def main():
         parser.error("two scenes have the same name")
     arguments.out.mkdir(parents=True, exist_ok=True)
 
-    jobs = [(path, arguments.spp, arguments.runs, arguments.block, arguments.out) for path in arguments.scenes]
+    jobs = [(path, arguments.spp, arguments.runs, arguments.out) for path in arguments.scenes]
     # Spawned: a variant cannot be set in a fork of a process that already runs Mitsuba's threads.
     with multiprocessing.get_context("spawn").Pool(arguments.workers) as pool:
         failures = 0

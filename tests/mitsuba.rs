@@ -1,0 +1,177 @@
+//! The same XML through Mitsuba 3 (`scalar_rgb`) and through us, compared by blocks of 8x8 pixels.
+//!
+//! Both sides render [`RUNS`] independent images, which gives each block's mean a standard error with 15 degrees of freedom. Of the
+//! difference in units of its error, 9.5 is exceeded with a chance below 1.0e-7 (Student's t at the fewer degrees of
+//! freedom), so that 10 000 comparisons raise a false alarm with a chance below 1e-3. Blocks cannot see a bias that is everywhere
+//! the same and small; the mean over the image can: it may differ by 6 errors, chance 2.4e-5 a scene.
+//!
+//! Needs Mitsuba in `.venv`, as `.ci/run` installs it; without it the test says that it is skipped.
+
+use std::fs;
+use std::path::{Path, PathBuf};
+use std::process::Command;
+
+use helmholtz::film::{AovSet, Film};
+use helmholtz::integrators::Integrator;
+use helmholtz::query::RayQuery;
+use helmholtz::render::{Control, Stop, Target, render};
+use helmholtz::scene::Scene;
+use helmholtz::scene::load::{LoadOptions, load};
+use helmholtz::transport::World;
+
+use crate::backends::{BackendTest, on_each_backend};
+
+const RUNS: usize = 16;
+const BLOCK: usize = 8;
+const BLOCK_LIMIT: f64 = 9.5;
+const IMAGE_LIMIT: f64 = 6.0;
+
+fn project(path: &str) -> PathBuf {
+    Path::new(env!("CARGO_MANIFEST_DIR")).join(path)
+}
+
+/// Means of blocks and of the image, with their standard errors; channels interleaved.
+struct Estimate {
+    blocks: Vec<(f64, f64)>,
+    image: Vec<(f64, f64)>,
+}
+
+fn mean_and_error(values: impl ExactSizeIterator<Item = f64> + Clone) -> (f64, f64) {
+    let n = values.len() as f64;
+    let mean = values.clone().sum::<f64>() / n;
+    let variance = values.map(|v| (v - mean).powi(2)).sum::<f64>() / (n - 1.0);
+    (mean, (variance / n).sqrt())
+}
+
+/// Means over blocks of one image, rows from the top, channels interleaved.
+fn block_means(image: &[[f32; 3]], width: usize) -> Vec<f64> {
+    let height = image.len() / width;
+    let mut means = Vec::new();
+    for top in (0..height).step_by(BLOCK) {
+        for left in (0..width).step_by(BLOCK) {
+            let (bottom, right) = ((top + BLOCK).min(height), (left + BLOCK).min(width));
+            for channel in 0..3 {
+                let pixels = (top..bottom).flat_map(|y| (left..right).map(move |x| y * width + x));
+                let sum: f64 = pixels.map(|i| f64::from(image[i][channel])).sum();
+                means.push(sum / ((bottom - top) * (right - left)) as f64);
+            }
+        }
+    }
+    means
+}
+
+fn estimate(images: &[Vec<[f32; 3]>], width: usize) -> Estimate {
+    let blocks: Vec<Vec<f64>> = images.iter().map(|image| block_means(image, width)).collect();
+    let totals: Vec<[f64; 3]> = images
+        .iter()
+        .map(|image| std::array::from_fn(|c| image.iter().map(|p| f64::from(p[c])).sum::<f64>() / image.len() as f64))
+        .collect();
+    Estimate {
+        blocks: (0..blocks[0].len()).map(|i| mean_and_error(blocks.iter().map(|b| b[i]))).collect(),
+        image: (0..3).map(|c| mean_and_error(totals.iter().map(|t| t[c]))).collect(),
+    }
+}
+
+/// What `mitsuba_reference.py` wrote for a scene: every run's image.
+fn reference(stem: &str, out: &Path) -> (Estimate, usize) {
+    let text = fs::read_to_string(out.join(format!("{stem}.json"))).expect("the description of a reference");
+    let json: serde_json::Value = serde_json::from_str(&text).expect("JSON");
+    let number = |key: &str| json[key].as_u64().expect("a number") as usize;
+    let (width, height) = (number("width"), number("height"));
+    let bytes = fs::read(out.join(format!("{stem}.f32"))).expect("the reference");
+    let floats: Vec<f32> = bytes.chunks_exact(4).map(|b| f32::from_le_bytes([b[0], b[1], b[2], b[3]])).collect();
+    let pixels: Vec<[f32; 3]> = floats.chunks_exact(3).map(|c| [c[0], c[1], c[2]]).collect();
+    assert_eq!(pixels.len(), RUNS * width * height);
+    let images: Vec<_> = pixels.chunks_exact(width * height).map(<[_]>::to_vec).collect();
+    (estimate(&images, width), width)
+}
+
+struct Case<'a> {
+    name: &'a str,
+    scene: &'a Scene,
+    reference: &'a Estimate,
+    width: usize,
+}
+
+impl Case<'_> {
+    fn compare(&self, backend: &str, what: &str, ours: &[(f64, f64)], theirs: &[(f64, f64)], limit: f64) -> Vec<String> {
+        assert_eq!(ours.len(), theirs.len());
+        // Where neither has any variance (an even background), rounding is left.
+        let brightest = theirs.iter().fold(0.0_f64, |b, (mean, _)| b.max(mean.abs()));
+        let rounding = 1e-5 * brightest;
+        let differ = |(i, (a, b)): (usize, (&(f64, f64), &(f64, f64)))| {
+            let error = a.1.hypot(b.1);
+            let excess = (a.0 - b.0).abs() - rounding;
+            (excess > limit * error).then(|| {
+                let t = (a.0 - b.0) / error;
+                format!("{} on {backend}, {what} {i}: {:.6} but Mitsuba has {:.6}, {t:.1} errors apart", self.name, a.0, b.0)
+            })
+        };
+        ours.iter().zip(theirs).enumerate().filter_map(differ).collect()
+    }
+}
+
+impl BackendTest for Case<'_> {
+    fn run<Q: RayQuery>(&self, backend: &str, query: &Q) {
+        let world = World::new(self.scene);
+        let settings = &self.scene.integrator;
+        let name = settings.name.as_deref().expect("the scenes name their integrator");
+        let integrator = Integrator::new(name, &settings.parameters).expect("a known integrator");
+        let images: Vec<Vec<[f32; 3]>> = (0..RUNS as u64)
+            .map(|seed| {
+                let mut film = Film::new(&self.scene.film, AovSet::default(), world.lights.radiance_unit()).expect("a film");
+                let stop = Stop { passes: 0..self.scene.sample_count, time: None };
+                let target = Target { integrator, seed };
+                render(&world, query, &target, &mut film, &stop, |_| Control::Continue).expect("rendered");
+                assert!(film.dropped().is_none(), "{} dropped samples: {:?}", self.name, film.dropped());
+                let image = film.develop();
+                let [r, g, b] = ["R", "G", "B"].map(|c| image.floats(c).expect("a colour").to_vec());
+                (0..r.len()).map(|i| [r[i], g[i], b[i]]).collect()
+            })
+            .collect();
+        let ours = estimate(&images, self.width);
+        let mut failures = self.compare(backend, "image channel", &ours.image, &self.reference.image, IMAGE_LIMIT);
+        failures.extend(self.compare(backend, "block value", &ours.blocks, &self.reference.blocks, BLOCK_LIMIT));
+        let shown = failures.len().min(8);
+        assert!(failures.is_empty(), "{} differences:\n{}", failures.len(), failures[..shown].join("\n"));
+    }
+}
+
+#[test]
+fn scenes_agree_with_mitsuba() {
+    let python = project(".venv/bin/python");
+    if !python.exists() {
+        eprintln!("skipped: no Mitsuba in .venv; .ci/run installs it");
+        return;
+    }
+    let mut scenes: Vec<PathBuf> = fs::read_dir(project("tests/scenes"))
+        .expect("tests/scenes")
+        .map(|entry| entry.expect("an entry").path())
+        .filter(|path| path.extension().is_some_and(|e| e == "xml"))
+        .collect();
+    scenes.sort();
+    assert!(scenes.len() >= 12, "scenes are missing");
+    let out = Path::new(env!("CARGO_TARGET_TMPDIR")).join("mitsuba");
+    let status = Command::new(python)
+        .arg(project("tests/mitsuba_reference.py"))
+        .args(&scenes)
+        .arg("--out")
+        .arg(&out)
+        .args(["--runs", &RUNS.to_string()])
+        .status()
+        .expect("Python runs");
+    assert!(status.success(), "Mitsuba failed");
+    let mut failures = Vec::new();
+    for path in &scenes {
+        let stem = path.file_stem().and_then(|s| s.to_str()).expect("a name");
+        let (reference, width) = reference(stem, &out);
+        let scene = load(path, &LoadOptions::default()).unwrap_or_else(|error| panic!("{error}")).scene;
+        let case = Case { name: stem, scene: &scene, reference: &reference, width };
+        // All scenes are compared before the test fails.
+        let run = std::panic::AssertUnwindSafe(|| on_each_backend(&scene.shapes, &case));
+        if std::panic::catch_unwind(run).is_err() {
+            failures.push(stem.to_owned());
+        }
+    }
+    assert!(failures.is_empty(), "these differ from Mitsuba: {}", failures.join(", "));
+}
