@@ -132,10 +132,11 @@ fn sample_visible_beckmann(wo: Vec3, u: Vec2) -> Vec3 {
 ///
 /// The area below x is `A(x) = cos erfc(-x) / 2 + sin exp(-x^2) / (2 sqrt(pi))` up to `x = cos / sin`, where facets turn away.
 /// Its logarithm is concave and the starting point lies left of the root, so that Newton's method on the logarithm
-/// goes to the root from the left without ever overshooting; 5 steps on average.
+/// goes to the root from the left without ever overshooting; 4 steps on average.
 fn invert_visible_slope(cos: f64, sin: f64, u: f64) -> f64 {
     const STEPS: u32 = 16;
-    const TOLERANCE: f64 = 1e-8;
+    // Each step's error is about the square of the step before, so that after one this short the root is found to f32's precision.
+    const LAST_STEP: f64 = 1e-3;
     const SQRT_PI: f64 = 2.0 / std::f64::consts::FRAC_2_SQRT_PI;
     let sin = sin.max(1e-30);
     // Twice the area and its relative slope, with the factor exp(-x^2) split off on the left where it would underflow.
@@ -157,10 +158,12 @@ fn invert_visible_slope(cos: f64, sin: f64, u: f64) -> f64 {
     let mut x = -(-log_u).max(0.0).sqrt();
     for _ in 0..STEPS {
         let (value, slope) = log_area(x);
-        if target - value < TOLERANCE {
+        // The slope vanishes where facets turn away, which is then the root.
+        let step = if slope > 0.0 { (target - value) / slope } else { 0.0 };
+        x = (x + step).min(end);
+        if step < LAST_STEP {
             break;
         }
-        x = (x + (target - value) / slope).min(end);
     }
     x
 }
