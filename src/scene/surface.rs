@@ -128,6 +128,31 @@ impl SurfacePoint {
         Vec3::new(away(self.p.x, offset.x), away(self.p.y, offset.y), away(self.p.z, offset.z))
     }
 
+    /// Direction in which the first texture coordinate grows, which orients anisotropic materials; not normalised.
+    /// `None` where there is no such direction: a mesh without texture coordinates, or a triangle that they degenerate on.
+    pub fn dp_du(&self, shapes: &[Shape]) -> Option<Vec3> {
+        let shape = &shapes[self.shape as usize];
+        let tangent = match &shape.geometry {
+            Geometry::Mesh(mesh) if mesh.uvs().is_empty() => return None,
+            Geometry::Mesh(mesh) => {
+                let [a, b, c] = mesh.corners(self.primitive);
+                let [ta, tb, tc] = mesh.triangles()[self.primitive as usize].map(|i| mesh.uvs()[i as usize]);
+                let (d1, d2) = (tb - ta, tc - ta);
+                // The inverse of a 2x2 matrix; of its determinant only the sign matters for the direction.
+                ((b - a) * d2.y - (c - a) * d1.y) * d1.perp_dot(d2).signum()
+            }
+            Geometry::Analytic(analytic) => {
+                let q = analytic.to_object().transform_point3(self.p.as_dvec3());
+                let tangent = match analytic.kind() {
+                    AnalyticKind::Disk => q.with_z(0.0),
+                    AnalyticKind::Sphere | AnalyticKind::Cylinder => DVec3::new(-q.y, q.x, 0.0),
+                };
+                analytic.to_world().transform_vector3(tangent).as_vec3()
+            }
+        };
+        (tangent != Vec3::ZERO).then_some(tangent)
+    }
+
     /// The surface point of a hit at distance `t` along the ray from `o` in direction `d`.
     #[inline]
     #[allow(clippy::too_many_arguments)]

@@ -41,7 +41,9 @@ impl SurfaceVertex {
         let point = hit.surface(&scene.shapes, ray);
         let material = scene.shapes[hit.shape as usize].material;
         let bsdf = Bsdf::new(&scene.materials, material, &point);
-        Self { point, frame: Frame::from_z(point.ns), bsdf, wo: -ray.d }
+        let tangent = if bsdf.is_anisotropic() { point.dp_du(&scene.shapes) } else { None };
+        let frame = tangent.map_or_else(|| Frame::from_z(point.ns), |t| Frame::from_z_and_tangent(point.ns, t));
+        Self { point, frame, bsdf, wo: -ray.d }
     }
 
     /// Whether `wi` is on the same side of the geometric and of the shading surface. Where it is not, light would

@@ -2,7 +2,7 @@
 
 use glam::Vec3;
 
-/// Orthonormal, right-handed basis with `z` = shading normal. The rotation of `x` and `y` about it is arbitrary.
+/// Orthonormal, right-handed basis with `z` = shading normal.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct Frame {
     /// First tangent: along it goes the first roughness of an anisotropic material.
@@ -24,6 +24,15 @@ impl Frame {
             x: Vec3::new(1.0 + sign * n.x * n.x * a, sign * b, -sign * n.x),
             y: Vec3::new(b, sign + n.y * n.y * a, -n.y),
             z: n,
+        }
+    }
+
+    /// The basis whose `x` is the part of `tangent` across the unit normal; any, if there is none.
+    #[inline]
+    pub fn from_z_and_tangent(n: Vec3, tangent: Vec3) -> Self {
+        match (tangent - n * n.dot(tangent)).try_normalize() {
+            Some(x) => Self { x, y: n.cross(x), z: n },
+            None => Self::from_z(n),
         }
     }
 

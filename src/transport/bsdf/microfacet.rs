@@ -30,6 +30,12 @@ impl Microfacets {
         Self { alpha: alpha.map(|a| a.max(floor)), distribution }
     }
 
+    /// Whether the roughness depends on the direction along the surface.
+    #[inline]
+    pub fn is_anisotropic(&self) -> bool {
+        self.alpha[0] != self.alpha[1]
+    }
+
     /// Density `D(m)` of microfacet area per solid angle and macroscopic area.
     #[inline]
     pub fn d(&self, m: Vec3) -> f32 {

@@ -147,6 +147,12 @@ impl Bsdf {
         self.front.is_delta() && self.back.is_delta()
     }
 
+    /// Whether the tangents of the frame matter, and not its normal alone.
+    #[inline]
+    pub fn is_anisotropic(&self) -> bool {
+        self.front.is_anisotropic() || self.back.is_anisotropic()
+    }
+
     /// Reflectance and transmittance together, for the albedo AOV. Exact for smooth materials and the diffuse one (power, so
     /// without the radiance's change by the index); rough ones answer as if they were smooth.
     #[inline]
@@ -253,6 +259,16 @@ impl Lobe {
     #[inline]
     fn is_delta(&self) -> bool {
         matches!(self, Self::Black | Self::Conductor(_) | Self::Dielectric(_))
+    }
+
+    #[inline]
+    fn is_anisotropic(&self) -> bool {
+        match self {
+            Self::RoughConductor(RoughConductor { facets, .. }) | Self::RoughDielectric(RoughDielectric { facets, .. }) => {
+                facets.is_anisotropic()
+            }
+            Self::Black | Self::Diffuse { .. } | Self::Conductor(_) | Self::Dielectric(_) => false,
+        }
     }
 
     #[inline]
