@@ -33,9 +33,9 @@ const CENTER: DVec3 = DVec3::new(0.5, 2.0, 0.25);
 const RADIUS: f64 = 0.75;
 
 fn charted_lights() -> Vec<Charted> {
-    let turned = |kind, scale| {
-        // x to z, y to x, z to -y... a proper rotation that makes the disk face down.
-        let rotation = glam::DMat3::from_cols(DVec3::X, -DVec3::Z, DVec3::Y) * glam::DMat3::from_diagonal(scale);
+    // The shape's own z axis becomes `axis`, which is up or down.
+    let turned = |kind, axis: DVec3, scale| {
+        let rotation = glam::DMat3::from_cols(DVec3::X, axis.cross(DVec3::X), axis) * glam::DMat3::from_diagonal(scale);
         let to_world = glam::DAffine3::from_mat3_translation(rotation, CENTER);
         Geometry::Analytic(AnalyticShape::new(kind, to_world, false).expect("a proper shape"))
     };
@@ -86,7 +86,7 @@ fn charted_lights() -> Vec<Charted> {
         },
         Charted {
             name: "disk",
-            geometry: turned(AnalyticKind::Disk, DVec3::splat(RADIUS)),
+            geometry: turned(AnalyticKind::Disk, -DVec3::Y, DVec3::splat(RADIUS)),
             at: |a, b| {
                 let (r, phi) = (RADIUS * a, TAU * b);
                 (CENTER + DVec3::new(r * phi.cos(), 0.0, r * phi.sin()), -DVec3::Y, TAU * RADIUS * r)
@@ -98,7 +98,7 @@ fn charted_lights() -> Vec<Charted> {
         },
         Charted {
             name: "cylinder",
-            geometry: turned(AnalyticKind::Cylinder, DVec3::new(RADIUS, RADIUS, 1.5)),
+            geometry: turned(AnalyticKind::Cylinder, DVec3::Y, DVec3::new(RADIUS, RADIUS, 1.5)),
             at: |a, b| {
                 let phi = TAU * a;
                 let n = DVec3::new(phi.cos(), 0.0, phi.sin());
