@@ -318,13 +318,12 @@ fn analytic_shapes_are_placed() {
     assert!((cylinder.area() - 4.0 * std::f64::consts::PI).abs() < 1e-9);
 }
 
-const TETRAHEDRON_OBJ: &str =
-    "v 0 0 0\nv 1 0 0\nv 0 1 0\nv 0 0 1\nvt .25 .25\nf 1/1 2/1 3/1\nf 1/1 4/1 2/1\n";
+const CORNER_OBJ: &str = "v 0 0 0\nv 1 0 0\nv 1 1 0\nv 0 0 1\nvt .25 .25\nf 1/1 2/1 3/1\nf 1/1 4/1 2/1\n";
 
 #[test]
 fn an_obj_without_normals_is_smooth_unless_face_normals_are_asked_for() {
     let folder = Folder::new();
-    folder.write("a.obj", TETRAHEDRON_OBJ);
+    folder.write("a.obj", CORNER_OBJ);
     let load = |extra: &str| {
         let shape = format!("<shape type='obj'><string name='filename' value='a.obj'/>{extra}</shape>");
         folder.write("scene.xml", format!("<scene version='3.0.0'>{shape}</scene>"));
@@ -332,11 +331,11 @@ fn an_obj_without_normals_is_smooth_unless_face_normals_are_asked_for() {
     };
     let smooth = load("");
     let mesh = mesh_of(&smooth);
-    // At vertex 1, right angles of faces with normals +z and +y meet; vertices 3 and 4 have one face each.
-    let h = 0.5_f32.sqrt();
-    assert!(near(mesh.normals()[0], [0.0, h, h]), "{:?}", mesh.normals());
+    // At vertex 1, 45 degrees of a face with normal +z meet 90 degrees of one with +y; vertices 3 and 4 have one face each.
+    let unit = 5.0_f32.sqrt().recip();
+    assert!(near(mesh.normals()[0], [0.0, 2.0 * unit, unit]), "{:?}", mesh.normals());
     let at = |p: Vec3| mesh.normals()[mesh.positions().iter().position(|q| *q == p).unwrap()];
-    assert!(near(at(Vec3::Y), [0.0, 0.0, 1.0]) && near(at(Vec3::Z), [0.0, 1.0, 0.0]));
+    assert!(near(at(Vec3::new(1.0, 1.0, 0.0)), [0.0, 0.0, 1.0]) && near(at(Vec3::Z), [0.0, 1.0, 0.0]));
     assert_eq!(mesh.uvs()[0], Vec2::new(0.25, 0.75));
     let flat =
         load("<boolean name='face_normals' value='true'/><boolean name='flip_tex_coords' value='false'/>");
@@ -348,7 +347,7 @@ fn an_obj_without_normals_is_smooth_unless_face_normals_are_asked_for() {
 fn parameters_aliases_includes_and_paths_resolve() {
     let folder = Folder::new();
     std::fs::create_dir(folder.0.path().join("sub")).unwrap();
-    folder.write("sub/a.obj", TETRAHEDRON_OBJ);
+    folder.write("sub/a.obj", CORNER_OBJ);
     folder.write(
         "sub/inner.xml",
         "<scene version='3.0.0'><bsdf type='diffuse' id='grey'/>
@@ -427,7 +426,7 @@ fn ply_of_all_encodings_is_the_same_mesh() {
     for name in ["a.ply", "binary_little_endian.ply", "binary_big_endian.ply"] {
         let loaded = folder.load(name, &LoadOptions::default()).unwrap();
         let mesh = mesh_of(&loaded.scene.shapes[0]);
-        let positions: Vec<_> = mesh.positions().iter().map(|p| p.to_array()).collect();
+        let positions: Vec<_> = mesh.positions().iter().map(Vec3::to_array).collect();
         assert_eq!(positions, vertices.map(|[x, y, z, ..]| [x, y, z]));
         assert_eq!(mesh.triangles(), [[0, 1, 2], [0, 2, 3]]);
         assert_eq!(mesh.uvs()[0], Vec2::new(0.0, 0.25));
@@ -468,7 +467,7 @@ fn mtl_materials_are_translated() {
          newmtl pale\nKd spectral file.rfl\nmap_Kd wood.png\n",
     );
     let names = ["red", "lamp", "glass", "brass", "mirror", "pale", "absent"];
-    let faces: String = names.iter().map(|n| format!("usemtl {n}\nf 1 2 3\n")).collect();
+    let faces = names.map(|n| format!("usemtl {n}\nf 1 2 3\n")).concat();
     folder.write("a.obj", format!("mtllib m.mtl\nmtllib none.mtl\nv 0 0 0\nv 1 0 0\nv 0 1 0\n{faces}"));
     let Loaded { scene, warnings, .. } = folder.load("a.obj", &LoadOptions::default()).unwrap();
     let shapes: Vec<_> = scene.shapes.iter().collect();
@@ -505,13 +504,14 @@ fn mtl_materials_are_translated() {
 fn polygons_of_any_size_become_triangles() {
     let folder = Folder::new();
     let n = 1000;
-    let circle: String = (0..n)
+    let circle: Vec<String> = (0..n)
         .map(|i| {
             let (s, c) = (f64::from(i) / f64::from(n) * std::f64::consts::TAU).sin_cos();
             format!("v {c} {s} 0\n")
         })
         .collect();
     let corners: Vec<_> = (1..=n).map(|i| i.to_string()).collect();
+    let circle = circle.concat();
     folder.write("a.obj", format!("{circle}f {}\nl 1 2 3\np 1\nf 1 2\n", corners.join(" \\\n ")));
     let scene = folder.load("a.obj", &LoadOptions::default()).unwrap().scene;
     let mesh = mesh_of(&scene.shapes[0]);
@@ -525,7 +525,7 @@ fn polygons_of_any_size_become_triangles() {
 #[test]
 fn every_plugin_builds_with_its_defaults() {
     let folder = Folder::new();
-    folder.write("a.obj", TETRAHEDRON_OBJ);
+    folder.write("a.obj", CORNER_OBJ);
     folder.write("a.ply", TRIANGLE_PLY);
     for (category, plugin) in mitsuba::supported() {
         let name = plugin.name;
@@ -705,7 +705,7 @@ fn published_scenes_load() {
         assert_eq!(load(&path, &LoadOptions::default()).is_err(), needs_lenience, "{name}");
         let scene = load(&path, &lenient()).unwrap_or_else(|e| panic!("{e}")).scene;
         assert_eq!(scene.shapes.len(), shapes, "{name}");
-        let found: usize = scene.shapes.iter().map(|s| triangle_count(s)).sum();
+        let found: usize = scene.shapes.iter().map(triangle_count).sum();
         assert_eq!(found, triangles, "{name}");
     }
 }

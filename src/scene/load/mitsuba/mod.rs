@@ -1,8 +1,8 @@
 //! Mitsuba 3 XML scenes.
 //!
-//! Loading goes in steps: [`xml`] turns text into a tree of objects with named values, knowing no plugin. Each object
-//! is then built by the entry for its plugin in the table of its category ([`shapes`], [`bsdfs`], [`emitters`],
-//! [`sensors`]), which reads its parameters through [`properties`]. Mesh files are collected on the way and loaded
+//! Loading goes in steps: `xml` turns text into a tree of objects with named values, knowing no plugin. Each object
+//! is then built by the entry for its plugin in the table of its category (`shapes`, `bsdfs`, `emitters`,
+//! `sensors`), which reads its parameters through `properties`. Mesh files are collected on the way and loaded
 //! last, in parallel. To add a plugin is to add its entry to a table, and, if it is something new, to the scene.
 //!
 //! Values, defaults and geometry follow Mitsuba 3.9. Stricter than there: what would have no effect is an error.
