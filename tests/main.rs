@@ -6,6 +6,8 @@ mod backends;
 mod bsdf;
 mod camera;
 mod lights;
+mod load;
+mod malformed;
 mod mitsuba;
 mod query;
 #[cfg(feature = "embree")]

@@ -102,3 +102,14 @@ impl fmt::Display for Warning {
         write!(f, "{}: {}", self.location, self.message)
     }
 }
+
+/// The start of a text from a file, which may be very long and hold what a terminal would obey.
+pub(super) fn abridged(text: &str) -> String {
+    const LONGEST: usize = 60;
+    let printable = |c: char| if c.is_control() { char::REPLACEMENT_CHARACTER } else { c };
+    let mut short: String = text.chars().take(LONGEST).map(printable).collect();
+    if text.chars().nth(LONGEST).is_some() {
+        short.push_str("...");
+    }
+    short
+}

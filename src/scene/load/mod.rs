@@ -98,7 +98,7 @@ impl Log {
         if !self.lenient {
             return Err(error);
         }
-        self.push(Severity::Replaced, error.location, format!("{}; {substitute} instead", error.found));
+        self.push(Severity::Replaced, error.location, format!("{}; {substitute}", error.found));
         Ok(())
     }
 

@@ -10,6 +10,7 @@ use std::path::Path;
 
 use glam::{Vec2, Vec3};
 
+use super::error::abridged;
 use super::mesh::{Placement, RawMesh};
 use super::{GREY, LoadError, Location, Log, mesh_scene, mtl, push_two_sided};
 use crate::scene::{Geometry, MeshError, Scene, Shape, TriangleMesh};
@@ -355,13 +356,4 @@ fn malformed_corner(line: usize, corner: &str, above: [usize; 3], totals: [usize
         }
     }
     None
-}
-
-/// The start of a text that may be very long.
-fn abridged(text: &str) -> String {
-    const LONGEST: usize = 60;
-    if text.chars().count() <= LONGEST {
-        return text.to_owned();
-    }
-    text.chars().take(LONGEST).chain("...".chars()).collect()
 }

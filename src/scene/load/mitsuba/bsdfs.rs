@@ -21,13 +21,13 @@ pub(super) const PLUGINS: &[Plugin<Build>] = &[
         &[&[Parameter::object(Category::Bsdf, "the front, and, if there is a second, the back")]],
         two_sided,
     ),
-    Plugin::new("conductor", "smooth metal", &[CONDUCTOR], |p, _| {
-        let (eta, k) = conductor_ior(p)?;
+    Plugin::new("conductor", "smooth metal", &[CONDUCTOR], |p, b| {
+        let (eta, k) = conductor_ior(p, b)?;
         Ok(Material::Conductor { eta, k, specular_reflectance: p.color("specular_reflectance")? })
     }),
-    Plugin::new("roughconductor", "rough metal", &[CONDUCTOR, MICROFACET], |p, _| {
-        let (eta, k) = conductor_ior(p)?;
-        let (distribution, alpha) = microfacet(p)?;
+    Plugin::new("roughconductor", "rough metal", &[CONDUCTOR, MICROFACET], |p, b| {
+        let (eta, k) = conductor_ior(p, b)?;
+        let (distribution, alpha) = microfacet(p, b)?;
         let specular_reflectance = p.color("specular_reflectance")?;
         Ok(Material::RoughConductor { distribution, alpha, eta, k, specular_reflectance })
     }),
@@ -42,8 +42,8 @@ pub(super) const PLUGINS: &[Plugin<Build>] = &[
         "roughdielectric",
         "rough boundary between dielectrics",
         &[DIELECTRIC, MICROFACET],
-        |p, _| {
-            let (distribution, alpha) = microfacet(p)?;
+        |p, b| {
+            let (distribution, alpha) = microfacet(p, b)?;
             let eta = relative_ior(p)?;
             if eta == 1.0 {
                 return Err(p.error(
@@ -127,18 +127,20 @@ fn one_sided(
     }
 }
 
-fn conductor_ior(p: &Properties) -> Result<(Rgb, Rgb), LoadError> {
+fn conductor_ior(p: &Properties, builder: &mut Builder) -> Result<(Rgb, Rgb), LoadError> {
     if p.string("material")? != "none" {
-        return Err(p.bad_value("material", "`none`, or the metal by eta and k"));
+        let error = p.bad_value("material", "`none`, or the metal by eta and k");
+        builder.log.unsupported(error, "a perfect mirror is used")?;
     }
     Ok((p.color("eta")?, p.color("k")?))
 }
 
-fn microfacet(p: &Properties) -> Result<(Microfacet, [f32; 2]), LoadError> {
+fn microfacet(p: &Properties, builder: &mut Builder) -> Result<(Microfacet, [f32; 2]), LoadError> {
     let distribution =
         p.choice("distribution", &[("beckmann", Microfacet::Beckmann), ("ggx", Microfacet::Ggx)])?;
     if !p.boolean("sample_visible")? {
-        return Err(p.bad_value("sample_visible", "`true`; it only changes the noise"));
+        let error = p.bad_value("sample_visible", "`true`; it only changes the noise");
+        builder.log.unsupported(error, "`true` is used")?;
     }
     p.exclusive("alpha", "alpha_u")?;
     p.exclusive("alpha", "alpha_v")?;

@@ -1,8 +1,8 @@
 //! Mitsuba 3 XML scenes.
 //!
-//! Loading goes in steps: [`xml`] turns text into a tree of objects with named values, knowing no plugin. Each object
-//! is then built by the entry for its plugin in the table of its category ([`shapes`], [`bsdfs`], [`emitters`],
-//! [`sensors`]), which reads its parameters through [`properties`]. Mesh files are collected on the way and loaded
+//! Loading goes in steps: `xml` turns text into a tree of objects with named values, knowing no plugin. Each object
+//! is then built by the entry for its plugin in the table of its category (`shapes`, `bsdfs`, `emitters`,
+//! `sensors`), which reads its parameters through `properties`. Mesh files are collected on the way and loaded
 //! last, in parallel. To add a plugin is to add its entry to a table, and, if it is something new, to the scene.
 //!
 //! Values, defaults and geometry follow Mitsuba 3.9. Stricter than there: what would have no effect is an error.
@@ -159,7 +159,7 @@ impl<'a> Builder<'a> {
         }
         self.material_ids.insert(id, None);
         self.depth += 1;
-        let material = match self.properties(bsdfs::PLUGINS, id, "diffuse with reflectance 0.5")? {
+        let material = match self.properties(bsdfs::PLUGINS, id, "diffuse with reflectance 0.5 is used")? {
             Some((build, properties)) => {
                 let material = build(&properties, self)?;
                 properties.finish()?;
@@ -261,11 +261,12 @@ impl<'a> Builder<'a> {
     }
 
     fn film(&mut self, id: ObjectId) -> Result<FilmSettings, LoadError> {
-        let Some((build, properties)) = self.properties(sensors::FILMS, id, "hdrfilm of 768 x 576 pixels")?
+        let Some((build, properties)) =
+            self.properties(sensors::FILMS, id, "hdrfilm of 768 x 576 pixels is used")?
         else {
             return Ok(default_film());
         };
-        let mut film = build(&properties)?;
+        let mut film = build(&properties, self.log)?;
         if let Some(filter) = properties.optional_object(Category::Rfilter)? {
             film.filter = self.filter(filter)?;
         }
@@ -274,7 +275,7 @@ impl<'a> Builder<'a> {
     }
 
     fn filter(&mut self, id: ObjectId) -> Result<Filter, LoadError> {
-        let Some((build, properties)) = self.properties(sensors::FILTERS, id, "gaussian")? else {
+        let Some((build, properties)) = self.properties(sensors::FILTERS, id, "gaussian is used")? else {
             return Ok(default_film().filter);
         };
         let filter = build(&properties)?;
@@ -283,7 +284,9 @@ impl<'a> Builder<'a> {
     }
 
     fn sampler(&mut self, id: ObjectId) -> Result<u32, LoadError> {
-        let Some((build, properties)) = self.properties(sensors::SAMPLERS, id, "4 samples per pixel")? else {
+        let Some((build, properties)) =
+            self.properties(sensors::SAMPLERS, id, "4 samples per pixel are taken")?
+        else {
             return Ok(DEFAULT_SAMPLE_COUNT);
         };
         let count = build(&properties, self.log)?;

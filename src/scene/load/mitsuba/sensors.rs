@@ -4,11 +4,11 @@ use glam::{DAffine3, UVec2};
 
 use super::super::{LoadError, Log};
 use super::properties::{Kind, Parameter, Plugin, Properties};
-use super::xml::Category;
+use super::xml::{Category, one_of};
 use crate::scene::{Camera, FilmSettings, Filter, FovAxis, Lens, PixelRect};
 
 pub(super) type SensorBuild = fn(&Properties) -> Result<Camera, LoadError>;
-pub(super) type FilmBuild = fn(&Properties) -> Result<FilmSettings, LoadError>;
+pub(super) type FilmBuild = fn(&Properties, &mut Log) -> Result<FilmSettings, LoadError>;
 pub(super) type FilterBuild = fn(&Properties) -> Result<Filter, LoadError>;
 pub(super) type SamplerBuild = fn(&Properties, &mut Log) -> Result<u32, LoadError>;
 
@@ -127,7 +127,7 @@ pub(super) const FILMS: &[Plugin<FilmBuild>] = &[Plugin::new(
     film,
 )];
 
-fn film(p: &Properties) -> Result<FilmSettings, LoadError> {
+fn film(p: &Properties, log: &mut Log) -> Result<FilmSettings, LoadError> {
     let pixels = "a number of pixels above 0";
     let above_zero = |name: &str| match p.integer::<u32>(name, pixels)? {
         0 => Err(p.bad_value(name, pixels)),
@@ -158,8 +158,11 @@ fn film(p: &Properties) -> Result<FilmSettings, LoadError> {
             format!("within the film of {size}"),
         ));
     }
-    p.choice("file_format", &[("openexr", ())])?;
-    p.choice("pixel_format", &[("rgb", ()), ("rgba", ())])?;
+    for (name, supported) in [("file_format", &["openexr"][..]), ("pixel_format", &["rgb", "rgba"])] {
+        if !supported.contains(&p.string(name)?) {
+            log.unsupported(p.bad_value(name, one_of(supported)), &format!("{} is used", supported[0]))?;
+        }
+    }
     let half_float = p.choice("component_format", &[("float16", true), ("float32", false)])?;
     p.boolean("sample_border")?;
     p.boolean("compensate")?;

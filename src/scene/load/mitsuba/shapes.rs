@@ -110,7 +110,7 @@ fn mesh_file(
         flip_normals: p.boolean("flip_normals")?,
         flip_v: p.boolean("flip_tex_coords")?,
     };
-    Ok(Surface::File(MeshFile { path, load, placement, from: p.document.locate(p.object.at) }))
+    Ok(Surface::File(MeshFile { path, load, placement, from: p.locate("filename") }))
 }
 
 /// A face's normal and its corners.

@@ -9,6 +9,7 @@ use std::path::{Path, PathBuf};
 use glam::{DAffine3, DVec3};
 use roxmltree::{Document as Xml, Node};
 
+use super::super::error::abridged;
 use super::super::{LoadError, Location, Log, Position};
 use super::values::{self, Expected, Value};
 
@@ -23,6 +24,8 @@ const MAX_SUBSTITUTED_LENGTH: usize = 1 << 20;
 
 /// Aliases of aliases; they could run in circles.
 const MAX_ALIASES: usize = 10;
+/// Attributes of one element.
+const MAX_ATTRIBUTES: usize = 1000;
 /// Values of one object; each is compared with those before it.
 const MAX_PROPERTIES: usize = 1000;
 
@@ -265,15 +268,15 @@ impl SceneReader<'_> {
             LoadError::new(Location::byte(path, offset), "bytes that are not UTF-8", "an XML file in UTF-8")
         })?;
         let source = self.document.sources.len();
+        refuse_crowded_tags(path, &text)?;
         let lines = std::iter::once(0).chain(text.match_indices('\n').map(|(i, _)| i + 1)).collect();
         self.document.sources.push(Source { path: path.to_path_buf(), text: text.clone(), lines });
         let options = roxmltree::ParsingOptions { allow_dtd: false, ..Default::default() };
         let xml = Xml::parse_with_options(&text, options).map_err(|e| {
             let pos = e.pos();
             let position = Position::LineColumn(pos.row as usize, pos.col as usize);
-            let found = e.to_string();
-            // The crate ends its messages with the position.
-            let found = found.split(" at ").next().unwrap_or(&found).to_owned();
+            // The position is said already.
+            let found = e.to_string().replace(&format!(" at {}:{}", pos.row, pos.col), "");
             LoadError::new(
                 Location { file: path.to_path_buf(), position },
                 found,
@@ -298,7 +301,11 @@ impl SceneReader<'_> {
         match major {
             Some(2..) => {}
             _ => {
-                return self.error(version_at, format!("scene version `{version}`"), "version 2.0.0 or newer");
+                return self.error(
+                    version_at,
+                    format!("scene version `{version}`"),
+                    "2.0.0 or newer, as Mitsuba 2 and 3 write; scenes of Mitsuba 0.x do not load yet",
+                );
             }
         }
         for node in self.elements(root, source) {
@@ -561,10 +568,7 @@ impl SceneReader<'_> {
     }
 
     fn parsed<T>(&self, value: Result<T, Expected>, text: &str, at: Span) -> Result<T, LoadError> {
-        value.map_err(|expected| {
-            let shown: String = text.chars().take(60).collect();
-            self.document.error(at, format!("`{shown}`"), expected)
-        })
+        value.map_err(|expected| self.document.error(at, format!("`{}`", abridged(text)), expected))
     }
 
     /// The steps of a transform, each applied after those above it.
@@ -672,6 +676,27 @@ impl SceneReader<'_> {
         }
         None
     }
+}
+
+/// The XML parser takes quadratic time in the attributes of an element, to find repetitions, and has no limit for one
+/// element. Quotes after `=` since the last `<` are at least as many as those attributes.
+fn refuse_crowded_tags(path: &Path, text: &str) -> Result<(), LoadError> {
+    let (mut count, mut last) = (0, b' ');
+    for (offset, &byte) in text.as_bytes().iter().enumerate() {
+        match byte {
+            b'<' => count = 0,
+            b'"' | b'\'' if last == b'=' => count += 1,
+            _ => {}
+        }
+        if count > MAX_ATTRIBUTES {
+            let found = format!("an element with more than {MAX_ATTRIBUTES} attributes");
+            return Err(LoadError::new(Location::byte(path, offset as u64), found, "a Mitsuba scene"));
+        }
+        if !byte.is_ascii_whitespace() {
+            last = byte;
+        }
+    }
+    Ok(())
 }
 
 /// A list to choose from.

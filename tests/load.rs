@@ -1,0 +1,711 @@
+//! Loaders: what valid files become, and what invalid ones are told.
+
+use std::path::{Path, PathBuf};
+
+use glam::{DVec3, Vec2, Vec3};
+use helmholtz::scene::load::{LoadOptions, Loaded, Severity, load, mitsuba};
+use helmholtz::scene::{
+    AnalyticKind, Emitter, Filter, FovAxis, Geometry, Lens, Material, Microfacet, Scene, Shape, TriangleMesh,
+};
+
+/// A folder for the files of one test, with its path in messages shortened.
+struct Folder(tempfile::TempDir);
+
+impl Folder {
+    fn new() -> Self {
+        Self(tempfile::tempdir().unwrap())
+    }
+
+    fn write(&self, name: &str, content: impl AsRef<[u8]>) -> PathBuf {
+        let path = self.0.path().join(name);
+        std::fs::write(&path, content).unwrap();
+        path
+    }
+
+    fn load(&self, name: &str, options: &LoadOptions) -> Result<Loaded, String> {
+        load(&self.0.path().join(name), options).map_err(|e| self.shorten(&e.to_string()))
+    }
+
+    fn shorten(&self, message: &str) -> String {
+        message.replace(&format!("{}/", self.0.path().display()), "")
+    }
+}
+
+fn lenient() -> LoadOptions {
+    LoadOptions { lenient: true, ..LoadOptions::default() }
+}
+
+fn define(name: &str, value: &str) -> LoadOptions {
+    LoadOptions { defines: vec![(name.to_owned(), value.to_owned())], ..LoadOptions::default() }
+}
+
+/// Loads what stands between `<scene>` tags. The first line of `body` is line 1.
+fn xml_with(body: &str, options: &LoadOptions) -> Result<Loaded, String> {
+    let folder = Folder::new();
+    folder.write("scene.xml", format!("<scene version=\"3.0.0\">{body}</scene>"));
+    folder.load("scene.xml", options)
+}
+
+fn xml(body: &str) -> Scene {
+    xml_with(body, &LoadOptions::default()).unwrap_or_else(|e| panic!("{e}\nin {body}")).scene
+}
+
+fn xml_error(body: &str) -> String {
+    xml_with(body, &LoadOptions::default()).map(|_| ()).expect_err(body)
+}
+
+fn shape(body: &str) -> Shape {
+    xml(body).shapes.remove(0)
+}
+
+fn mesh_of(shape: &Shape) -> &TriangleMesh {
+    match &shape.geometry {
+        Geometry::Mesh(mesh) => mesh,
+        Geometry::Analytic(_) => panic!("{} is not a mesh", shape.name),
+    }
+}
+
+fn triangle_count(shape: &Shape) -> usize {
+    match &shape.geometry {
+        Geometry::Mesh(mesh) => mesh.triangles().len(),
+        Geometry::Analytic(_) => 0,
+    }
+}
+
+/// The material of the scene's only shape.
+fn material(bsdf: &str) -> Material {
+    let scene = xml(&format!("<shape type=\"sphere\">{bsdf}</shape>"));
+    scene.materials[scene.shapes[0].material.0 as usize].clone()
+}
+
+fn near(a: Vec3, b: [f32; 3]) -> bool {
+    (a - Vec3::from(b)).abs().max_element() < 1e-5
+}
+
+/// Where a transform takes the point (1, 2, 3), by way of a tiny sphere there.
+fn transformed(steps: &str) -> Vec3 {
+    let sphere = shape(&format!(
+        "<shape type='sphere'><point name='center' value='1 2 3'/><float name='radius' value='1e-6'/>\
+         <transform name='to_world'>{steps}</transform></shape>"
+    ));
+    let Geometry::Analytic(sphere) = sphere.geometry else { panic!() };
+    sphere.to_world().translation.as_vec3()
+}
+
+#[test]
+fn transforms_are_those_computed_by_hand() {
+    // Later steps are applied after earlier ones; rotations are counter-clockwise seen against the axis.
+    for (steps, expected) in [
+        ("<translate x='1'/><scale value='2'/>", [4.0, 4.0, 6.0]),
+        ("<scale value='2'/><translate x='1'/>", [3.0, 4.0, 6.0]),
+        ("<translate value='2'/>", [3.0, 4.0, 5.0]),
+        ("<translate value='1, -2, 0.5'/>", [2.0, 0.0, 3.5]),
+        ("<rotate z='1' angle='90'/>", [-2.0, 1.0, 3.0]),
+        ("<rotate value='0 10 0' angle='90'/>", [3.0, 2.0, -1.0]),
+        ("<rotate x='1' y='1' z='1' angle='120'/>", [3.0, 1.0, 2.0]),
+        ("<matrix value='0 1 0 5  1 0 0 0  0 0 1 0  0 0 0 1'/>", [7.0, 1.0, 3.0]),
+        ("<matrix value='0 1 0 1 0 0 0 0 1'/>", [2.0, 1.0, 3.0]),
+        // Looking along +x with z up, left is +y: the point is 1 to the left, 2 up and 3 ahead.
+        ("<lookat origin='10 0 0' target='11 0 0' up='0 0 1'/>", [13.0, 1.0, 2.0]),
+        ("", [1.0, 2.0, 3.0]),
+    ] {
+        let p = transformed(steps);
+        assert!(near(p, expected), "{steps}: {p}");
+    }
+}
+
+#[test]
+fn the_camera_looks_along_plus_z_with_plus_x_to_the_left() {
+    let camera = xml("<sensor type='perspective'><float name='fov' value='40'/><transform name='to_world'>\
+                      <lookat origin='0 0 5' target='0 0 0' up='0 1 0'/></transform></sensor>")
+    .camera;
+    let at = |v: DVec3| camera.to_world.transform_vector3(v).as_vec3();
+    assert!(near(at(DVec3::Z), [0.0, 0.0, -1.0]));
+    assert!(near(at(DVec3::Y), [0.0, 1.0, 0.0]));
+    // Looking along -z, the world's -x is on the left.
+    assert!(near(at(DVec3::X), [-1.0, 0.0, 0.0]));
+    assert_eq!(camera.to_world.translation, DVec3::new(0.0, 0.0, 5.0));
+}
+
+#[test]
+fn an_empty_scene_has_mitsubas_defaults() {
+    let scene = xml("<sensor type='perspective'/>");
+    assert_eq!(scene.film.size.to_array(), [768, 576]);
+    assert_eq!(scene.film.crop.size.to_array(), [768, 576]);
+    assert_eq!(scene.film.filter, Filter::Gaussian { stddev: 0.5 });
+    assert!(scene.film.half_float);
+    assert_eq!(scene.sample_count, 4);
+    assert_eq!(scene.integrator.name, None);
+    let camera = scene.camera;
+    assert_eq!((camera.near_clip, camera.far_clip, camera.lens), (0.01, 1e4, Lens::Pinhole));
+    // 50 mm across the diagonal of a 36 x 24 mm film: across the width of 4:3, Mitsuba's 38.1848 degrees.
+    assert_eq!(camera.fov_axis, FovAxis::Diagonal);
+    let across_width = 2.0 * ((camera.fov.to_radians() / 2.0).tan() * 0.8).atan();
+    assert!((across_width.to_degrees() - 38.1848).abs() < 1e-3, "{}", across_width.to_degrees());
+    assert_eq!(material(""), Material::Diffuse { reflectance: Vec3::splat(0.5) });
+}
+
+#[test]
+fn sensors_films_and_samplers_are_read() {
+    let scene = xml("<sensor type='thinlens'><string name='fov_axis' value='larger'/><float name='fov' value='30'/>
+        <float name='aperture_radius' value='0.5'/><float name='focus_distance' value='7'/>
+        <film type='hdrfilm'><integer name='width' value='640'/><integer name='height' value='480'/>
+            <integer name='crop_offset_x' value='10'/><integer name='crop_offset_y' value='20'/>
+            <integer name='crop_width' value='100'/><integer name='crop_height' value='50'/>
+            <string name='component_format' value='float32'/>
+            <rfilter type='mitchell'><float name='B' value='0.25'/></rfilter></film>
+        <sampler type='multijitter'><integer name='sample_count' value='64'/></sampler></sensor>
+        <integrator type='path'><integer name='max_depth' value='8'/><boolean name='hide_emitters' value='true'/>
+        </integrator>");
+    let camera = scene.camera;
+    assert_eq!(camera.lens, Lens::Thin { aperture_radius: 0.5, focus_distance: 7.0 });
+    assert_eq!((camera.fov, camera.fov_axis), (30.0, FovAxis::Larger));
+    let film = scene.film;
+    assert_eq!((film.crop.min.to_array(), film.crop.size.to_array()), ([10, 20], [100, 50]));
+    assert_eq!(film.filter, Filter::Mitchell { b: 0.25, c: 1.0 / 3.0 });
+    assert!(!film.half_float);
+    assert_eq!(scene.sample_count, 64);
+    assert_eq!(scene.integrator.name.as_deref(), Some("path"));
+    let parameters: Vec<_> =
+        scene.integrator.parameters.iter().map(|(n, v)| (n.as_str(), v.as_str())).collect();
+    assert_eq!(parameters, [("max_depth", "8"), ("hide_emitters", "true")]);
+}
+
+#[test]
+fn bsdfs_have_mitsubas_parameters_and_defaults() {
+    let (zero, one) = (Vec3::ZERO, Vec3::ONE);
+    let specular_reflectance = one;
+    assert_eq!(
+        material("<bsdf type='conductor'/>"),
+        Material::Conductor { eta: zero, k: one, specular_reflectance }
+    );
+    assert_eq!(
+        material(
+            "<bsdf type='roughconductor'><rgb name='eta' value='2.5 2 1.5'/><rgb name='k' value='3, 2, 1'/>
+             <float name='alpha_u' value='0.2'/><float name='alpha_v' value='0.3'/>
+             <string name='distribution' value='ggx'/></bsdf>"
+        ),
+        Material::RoughConductor {
+            distribution: Microfacet::Ggx,
+            alpha: [0.2, 0.3],
+            eta: Vec3::new(2.5, 2.0, 1.5),
+            k: Vec3::new(3.0, 2.0, 1.0),
+            specular_reflectance
+        }
+    );
+    assert_eq!(
+        material("<bsdf type='roughdielectric'/>"),
+        Material::RoughDielectric {
+            distribution: Microfacet::Beckmann,
+            alpha: [0.1, 0.1],
+            eta: (1.5046 / 1.000_277_f64) as f32,
+            specular_reflectance,
+            specular_transmittance: one
+        }
+    );
+    let Material::Dielectric { eta, .. } = material(
+        "<bsdf type='dielectric'><string name='int_ior' value='water'/><integer name='ext_ior' value='1'/></bsdf>",
+    ) else {
+        panic!()
+    };
+    assert_eq!(eta, 1.333);
+    let scene = xml("<bsdf type='diffuse' id='red'><rgb name='reflectance' value='#ff8000'/></bsdf>
+        <shape type='sphere'><bsdf type='twosided'><ref id='red'/><bsdf type='conductor'/></bsdf></shape>");
+    let Material::TwoSided { front, back } = scene.materials[scene.shapes[0].material.0 as usize] else {
+        panic!()
+    };
+    let Material::Diffuse { reflectance } = scene.materials[front.0 as usize] else { panic!() };
+    // 128/255 through the inverse of the sRGB curve.
+    assert!(near(reflectance, [1.0, 0.215_860_5, 0.0]), "{reflectance}");
+    assert!(matches!(scene.materials[back.0 as usize], Material::Conductor { .. }));
+}
+
+#[test]
+fn a_flat_spectrum_is_equal_energy_white_in_emitters_only() {
+    let radiance = |value: &str| {
+        let scene = xml(&format!("<emitter type='constant'>{value}</emitter>"));
+        let Emitter::Constant { radiance } = scene.emitters[0] else { panic!() };
+        radiance
+    };
+    assert_eq!(radiance("<rgb name='radiance' value='5'/>"), Vec3::splat(5.0));
+    assert_eq!(radiance("<float name='radiance' value='5'/>"), Vec3::splat(5.0));
+    // What Mitsuba 3.9 (scalar_rgb) holds after loading.
+    let flat = radiance("<spectrum name='radiance' value='5'/>");
+    assert!(near(flat, [6.023_97, 4.741_455, 4.544_58]), "{flat}");
+    let grey = material("<bsdf type='diffuse'><spectrum name='reflectance' value='0.25'/></bsdf>");
+    assert_eq!(grey, Material::Diffuse { reflectance: Vec3::splat(0.25) });
+}
+
+#[test]
+fn rectangle_and_cube_are_mitsubas() {
+    let rectangle = shape("<shape type='rectangle'/>");
+    let mesh = mesh_of(&rectangle);
+    assert_eq!(mesh.triangles().len(), 2);
+    assert!(mesh.normals().iter().all(|n| *n == Vec3::Z));
+    for (p, uv) in mesh.positions().iter().zip(mesh.uvs()) {
+        assert_eq!(*uv, Vec2::new(0.5 * (p.x + 1.0), 0.5 * (p.y + 1.0)));
+    }
+
+    let cube = shape("<shape type='cube' id='box'/>");
+    assert_eq!(cube.name, "box");
+    let mesh = mesh_of(&cube);
+    assert_eq!((mesh.positions().len(), mesh.triangles().len()), (24, 12));
+    for t in mesh.triangles() {
+        let [a, b, c] = t.map(|i| mesh.positions()[i as usize]);
+        let n = (b - a).cross(c - a).normalize();
+        assert!(t.iter().all(|&i| mesh.normals()[i as usize] == n), "winding and normals agree");
+        assert!(n.dot(a) > 0.0, "normals point outwards");
+    }
+    let area: f32 = mesh.triangles().iter().map(|t| triangle_area(mesh, *t)).sum();
+    assert!((area - 24.0).abs() < 1e-4);
+    // As Mitsuba lists it: vertex 4 is (1, 1, -1) on the +y face with texture coordinate (0, 1).
+    assert_eq!(
+        (mesh.positions()[4], mesh.normals()[4], mesh.uvs()[4]),
+        (Vec3::new(1.0, 1.0, -1.0), Vec3::Y, Vec2::Y)
+    );
+    assert_eq!((mesh.positions()[22], mesh.uvs()[22]), (Vec3::splat(-1.0), Vec2::X));
+}
+
+fn triangle_area(mesh: &TriangleMesh, t: [u32; 3]) -> f32 {
+    let [a, b, c] = t.map(|i| mesh.positions()[i as usize]);
+    0.5 * (b - a).cross(c - a).length()
+}
+
+#[test]
+fn normals_keep_their_side_under_reflections_and_flat_scales() {
+    let mirrored =
+        shape("<shape type='cube'><transform name='to_world'><scale x='-1' y='2'/></transform></shape>");
+    let mesh = mesh_of(&mirrored);
+    for (p, n) in mesh.positions().iter().zip(mesh.normals()) {
+        assert!((n.length() - 1.0).abs() < 1e-6 && n.dot(*p) > 0.0, "outwards at {p}: {n}");
+    }
+    let flat = shape("<shape type='rectangle'><transform name='to_world'><scale z='0'/></transform></shape>");
+    assert!(mesh_of(&flat).normals().iter().all(|n| *n == Vec3::Z));
+    let tilted = shape(
+        "<shape type='rectangle'><transform name='to_world'><scale x='2'/><rotate y='1' angle='45'/></transform></shape>",
+    );
+    let h = 0.5_f32.sqrt();
+    assert!(mesh_of(&tilted).normals().iter().all(|n| near(*n, [h, 0.0, h])));
+}
+
+#[test]
+fn analytic_shapes_are_placed() {
+    let Geometry::Analytic(sphere) = shape(
+        "<shape type='sphere'><point name='center' x='1' y='0' z='0'/><float name='radius' value='2'/>
+         <transform name='to_world'><scale value='3'/></transform><boolean name='flip_normals' value='true'/></shape>",
+    )
+    .geometry
+    else {
+        panic!()
+    };
+    assert_eq!(sphere.kind(), AnalyticKind::Sphere);
+    assert_eq!(sphere.to_world().translation, DVec3::new(3.0, 0.0, 0.0));
+    assert!((sphere.area() - 4.0 * std::f64::consts::PI * 36.0).abs() < 1e-9);
+    assert!(sphere.flip_normals());
+
+    let Geometry::Analytic(cylinder) = shape(
+        "<shape type='cylinder'><point name='p0' value='1 1 1'/><point name='p1' value='1 5 1'/>
+         <float name='radius' value='0.5'/></shape>",
+    )
+    .geometry
+    else {
+        panic!()
+    };
+    assert_eq!(cylinder.kind(), AnalyticKind::Cylinder);
+    let end = cylinder.to_world().transform_point3(DVec3::Z);
+    assert!((end - DVec3::new(1.0, 5.0, 1.0)).length() < 1e-12);
+    // 2 pi r l.
+    assert!((cylinder.area() - 4.0 * std::f64::consts::PI).abs() < 1e-9);
+}
+
+const CORNER_OBJ: &str = "v 0 0 0\nv 1 0 0\nv 1 1 0\nv 0 0 1\nvt .25 .25\nf 1/1 2/1 3/1\nf 1/1 4/1 2/1\n";
+
+#[test]
+fn an_obj_without_normals_is_smooth_unless_face_normals_are_asked_for() {
+    let folder = Folder::new();
+    folder.write("a.obj", CORNER_OBJ);
+    let load = |extra: &str| {
+        let shape = format!("<shape type='obj'><string name='filename' value='a.obj'/>{extra}</shape>");
+        folder.write("scene.xml", format!("<scene version='3.0.0'>{shape}</scene>"));
+        folder.load("scene.xml", &LoadOptions::default()).unwrap().scene.shapes.remove(0)
+    };
+    let smooth = load("");
+    let mesh = mesh_of(&smooth);
+    // At vertex 1, 45 degrees of a face with normal +z meet 90 degrees of one with +y; vertices 3 and 4 have one face each.
+    let unit = 5.0_f32.sqrt().recip();
+    assert!(near(mesh.normals()[0], [0.0, 2.0 * unit, unit]), "{:?}", mesh.normals());
+    let at = |p: Vec3| mesh.normals()[mesh.positions().iter().position(|q| *q == p).unwrap()];
+    assert!(near(at(Vec3::new(1.0, 1.0, 0.0)), [0.0, 0.0, 1.0]) && near(at(Vec3::Z), [0.0, 1.0, 0.0]));
+    assert_eq!(mesh.uvs()[0], Vec2::new(0.25, 0.75));
+    let flat =
+        load("<boolean name='face_normals' value='true'/><boolean name='flip_tex_coords' value='false'/>");
+    assert!(mesh_of(&flat).normals().is_empty());
+    assert_eq!(mesh_of(&flat).uvs()[0], Vec2::splat(0.25));
+}
+
+#[test]
+fn parameters_aliases_includes_and_paths_resolve() {
+    let folder = Folder::new();
+    std::fs::create_dir(folder.0.path().join("sub")).unwrap();
+    folder.write("sub/a.obj", CORNER_OBJ);
+    folder.write(
+        "sub/inner.xml",
+        "<scene version='3.0.0'><bsdf type='diffuse' id='grey'/>
+        <shape type='obj'><string name='filename' value='a.obj'/><ref id='black'/></shape></scene>",
+    );
+    folder.write(
+        "scene.xml",
+        "<scene version='3.0.0'><path value='sub'/><default name='r' value='3'/><default name='rr' value='$r'/>
+         <include filename='sub/inner.xml'/><include filename='sub/${r}'/></scene>",
+    );
+    assert!(folder.load("scene.xml", &LoadOptions::default()).unwrap_err().contains("undefined parameter $"));
+    folder.write(
+        "scene.xml",
+        "<scene version='3.0.0'><path value='sub'/><default name='r' value='3'/><default name='rr' value='4$r'/>
+         <include filename='sub/inner.xml'/><alias id='grey' as='white'/>
+         <bsdf type='diffuse' id='black'><rgb name='reflectance' value='0'/></bsdf>
+         <shape type='sphere'><float name='radius' value='$rr'/><ref id='white'/></shape>
+         <shape type='ply'><string name='filename' value='b.ply'/></shape></scene>",
+    );
+    folder.write("sub/b.ply", TRIANGLE_PLY);
+    for (options, radius) in
+        [(LoadOptions::default(), 43.0), (define("r", "5"), 45.0), (define("rr", "2"), 2.0)]
+    {
+        let loaded = folder.load("scene.xml", &options).unwrap();
+        let scene = loaded.scene;
+        assert_eq!(
+            scene.materials[scene.shapes[0].material.0 as usize],
+            Material::Diffuse { reflectance: Vec3::ZERO }
+        );
+        let Geometry::Analytic(sphere) = &scene.shapes[1].geometry else { panic!() };
+        assert_eq!(sphere.to_world().x_axis.x, radius);
+        let files: Vec<_> = loaded.files.iter().map(|f| folder.shorten(&f.display().to_string())).collect();
+        assert_eq!(files, ["scene.xml", "sub/inner.xml", "sub/a.obj", "sub/b.ply"]);
+    }
+    assert!(folder.load("scene.xml", &define("q", "1")).unwrap_err().contains("the scene does not use $q"));
+}
+
+const TRIANGLE_PLY: &str = "ply\nformat ascii 1.0\ncomment x\nelement vertex 4\nproperty float x\nproperty double y\n\
+    property float z\nproperty uchar red\nproperty float s\nproperty float t\nelement face 1\n\
+    property list uchar int vertex_index\nend_header\n0 0 0 7 0 0.25\n1 0 0 7 1 0\n1 1 0 7 1 1\n0 1 0 7 0 1\n4 0 1 2 3\n";
+
+#[test]
+fn ply_of_all_encodings_is_the_same_mesh() {
+    let folder = Folder::new();
+    folder.write("a.ply", TRIANGLE_PLY);
+    let (header, _) = TRIANGLE_PLY.split_once("end_header\n").unwrap();
+    let vertices = [
+        [0.0, 0.0, 0.0, 0.0, 0.25],
+        [1.0, 0.0, 0.0, 1.0, 0.0],
+        [1.0, 1.0, 0.0, 1.0, 1.0],
+        [0.0, 1.0, 0.0, 0.0, 1.0_f32],
+    ];
+    for (name, little) in [("binary_little_endian", true), ("binary_big_endian", false)] {
+        let float = |x: f32| if little { x.to_le_bytes() } else { x.to_be_bytes() };
+        let mut bytes = format!("{}end_header\n", header.replace("ascii", name)).into_bytes();
+        for [x, y, z, s, t] in vertices {
+            bytes.extend(float(x));
+            bytes.extend(if little { f64::from(y).to_le_bytes() } else { f64::from(y).to_be_bytes() });
+            bytes.extend(float(z));
+            bytes.push(7);
+            bytes.extend([float(s), float(t)].concat());
+        }
+        bytes.push(4);
+        bytes.extend((0..4_i32).flat_map(|i| if little { i.to_le_bytes() } else { i.to_be_bytes() }));
+        folder.write(&format!("{name}.ply"), &bytes);
+        // Cut anywhere, it is an error that says where.
+        for length in [bytes.len() - 1, bytes.len() - 17, bytes.len() - 30] {
+            folder.write("cut.ply", &bytes[..length]);
+            let message = folder.load("cut.ply", &LoadOptions::default()).unwrap_err();
+            assert!(
+                message.starts_with("cut.ply: at byte ") && message.contains("the end of the file"),
+                "{message}"
+            );
+        }
+    }
+    for name in ["a.ply", "binary_little_endian.ply", "binary_big_endian.ply"] {
+        let loaded = folder.load(name, &LoadOptions::default()).unwrap();
+        let mesh = mesh_of(&loaded.scene.shapes[0]);
+        let positions: Vec<_> = mesh.positions().iter().map(Vec3::to_array).collect();
+        assert_eq!(positions, vertices.map(|[x, y, z, ..]| [x, y, z]));
+        assert_eq!(mesh.triangles(), [[0, 1, 2], [0, 2, 3]]);
+        assert_eq!(mesh.uvs()[0], Vec2::new(0.0, 0.25));
+        assert!(mesh.normals().is_empty());
+    }
+}
+
+#[test]
+fn a_bare_mesh_gets_a_sky_and_a_camera_that_sees_all_of_it() {
+    let folder = Folder::new();
+    folder.write("a.obj", "v -1 -1 100\nv 3 -1 100\nv 3 2 101\nv -1 2 100\nf -4 -3 -2 -1\n");
+    let loaded = folder.load("a.obj", &LoadOptions::default()).unwrap();
+    let notes: Vec<_> = loaded.warnings.iter().map(|w| (w.severity, w.message.as_str())).collect();
+    let message =
+        "a mesh, not a scene: using a constant white sky of radiance 1 and a camera that frames the mesh";
+    assert_eq!(notes, [(Severity::Note, message)]);
+    let scene = loaded.scene;
+    assert_eq!(scene.emitters, [Emitter::Constant { radiance: Vec3::ONE }]);
+    let camera = scene.camera;
+    let to_camera = camera.to_world.inverse();
+    // The film is wider than high, so the shorter side's field of view bounds both.
+    let tan = (camera.fov.to_radians() / 2.0).tan();
+    for p in mesh_of(&scene.shapes[0]).positions() {
+        let q = to_camera.transform_point3(p.as_dvec3());
+        assert!(q.z > camera.near_clip && q.z < camera.far_clip);
+        assert!(q.x.abs() < q.z * tan && q.y.abs() < q.z * tan, "{q}");
+    }
+    assert!(camera.to_world.translation.z > 101.0 && camera.to_world.translation.y > 2.0);
+}
+
+#[test]
+fn mtl_materials_are_translated() {
+    let folder = Folder::new();
+    folder.write(
+        "m.mtl",
+        "newmtl red\nKd 1 0 0\nKs 0.5 0.5 0.5\nnewmtl lamp\nKe 5 5 4\nKd 0\nnewmtl glass\nd 0.1\nNi 1.5\nKd 1 1 1\n\
+         newmtl brass\nKd 0 0 0\nKs 0.9 0.7 0.3\nNs 198\nnewmtl mirror\nKd 0 0 0\nKs 1 1 1\nillum 3\nKa 0.1 0.1\n\
+         newmtl pale\nKd spectral file.rfl\nmap_Kd wood.png\n",
+    );
+    let names = ["red", "lamp", "glass", "brass", "mirror", "pale", "absent"];
+    let faces = names.map(|n| format!("usemtl {n}\nf 1 2 3\n")).concat();
+    folder.write("a.obj", format!("mtllib m.mtl\nmtllib none.mtl\nv 0 0 0\nv 1 0 0\nv 0 1 0\n{faces}"));
+    let Loaded { scene, warnings, .. } = folder.load("a.obj", &LoadOptions::default()).unwrap();
+    let shapes: Vec<_> = scene.shapes.iter().collect();
+    assert_eq!(shapes.len(), names.len());
+    let of = |i: usize| match &scene.materials[shapes[i].material.0 as usize] {
+        Material::TwoSided { front, back } => {
+            assert_eq!(front, back);
+            scene.materials[front.0 as usize].clone()
+        }
+        other => other.clone(),
+    };
+    assert_eq!(of(0), Material::Diffuse { reflectance: Vec3::X });
+    assert_eq!(of(1), Material::Diffuse { reflectance: Vec3::ZERO });
+    assert_eq!(shapes.iter().filter_map(|s| s.emission).collect::<Vec<_>>(), [Vec3::new(5.0, 5.0, 4.0)]);
+    assert!(matches!(of(2), Material::Dielectric { eta: 1.5, .. }));
+    // sqrt(2 / 200).
+    assert!(matches!(of(3), Material::RoughConductor { alpha: [0.1, 0.1], .. }));
+    assert!(matches!(of(4), Material::Conductor { .. }));
+    let grey = Material::Diffuse { reflectance: Vec3::splat(0.5) };
+    assert_eq!((of(5), of(6)), (grey.clone(), grey));
+    // The lamp lights the scene.
+    assert!(scene.emitters.is_empty());
+    let warnings: Vec<_> = warnings.iter().map(|w| folder.shorten(&w.to_string())).collect();
+    insta::assert_snapshot!(warnings.join("\n"), @r"
+    m.mtl:19: malformed `Ka` is ignored
+    m.mtl:21: malformed `Kd` is ignored
+    a.obj: material library none.mtl: cannot be opened (No such file or directory (os error 2)); its materials become grey
+    a.obj: material `pale`: textures (map_*, bump) are not read yet; its colours are used alone
+    a.obj: a mesh, not a scene: using a camera that frames the mesh
+    ");
+}
+
+#[test]
+fn polygons_of_any_size_become_triangles() {
+    let folder = Folder::new();
+    let n = 1000;
+    let circle: Vec<String> = (0..n)
+        .map(|i| {
+            let (s, c) = (f64::from(i) / f64::from(n) * std::f64::consts::TAU).sin_cos();
+            format!("v {c} {s} 0\n")
+        })
+        .collect();
+    let corners: Vec<_> = (1..=n).map(|i| i.to_string()).collect();
+    let circle = circle.concat();
+    folder.write("a.obj", format!("{circle}f {}\nl 1 2 3\np 1\nf 1 2\n", corners.join(" \\\n ")));
+    let scene = folder.load("a.obj", &LoadOptions::default()).unwrap().scene;
+    let mesh = mesh_of(&scene.shapes[0]);
+    assert_eq!(mesh.triangles().len(), 998);
+    let area: f32 = mesh.triangles().iter().map(|t| triangle_area(mesh, *t)).sum();
+    // Area of the regular polygon.
+    let exact = 0.5 * f64::from(n) * (std::f64::consts::TAU / f64::from(n)).sin();
+    assert!((f64::from(area) - exact).abs() < 1e-4, "{area}");
+}
+
+#[test]
+fn every_plugin_builds_with_its_defaults() {
+    let folder = Folder::new();
+    folder.write("a.obj", CORNER_OBJ);
+    folder.write("a.ply", TRIANGLE_PLY);
+    for (category, plugin) in mitsuba::supported() {
+        let name = plugin.name;
+        let required: String = plugin
+            .parameters()
+            .filter(|p| p.default == mitsuba::Default::Required)
+            .map(|p| match p.name {
+                "filename" => format!("<string name='filename' value='a.{name}'/>"),
+                other => format!("<float name='{other}' value='1'/>"),
+            })
+            .collect();
+        let inside = if name == "twosided" { "<bsdf type='diffuse'/>" } else { "" };
+        let object = format!("<{category} type='{name}'>{required}{inside}</{category}>");
+        let body = match category {
+            mitsuba::Category::Rfilter => {
+                format!("<sensor type='perspective'><film type='hdrfilm'>{object}</film></sensor>")
+            }
+            mitsuba::Category::Film | mitsuba::Category::Sampler => {
+                format!("<sensor type='perspective'>{object}</sensor>")
+            }
+            mitsuba::Category::Emitter if name == "area" => format!("<shape type='cube'>{object}</shape>"),
+            _ => object,
+        };
+        folder.write("scene.xml", format!("<scene version='3.0.0'>{body}</scene>"));
+        folder
+            .load("scene.xml", &LoadOptions::default())
+            .unwrap_or_else(|e| panic!("{category} {name}: {e}"));
+        // Defaults are valid values of their type.
+        for p in plugin.parameters() {
+            if let (mitsuba::Default::Value(value), mitsuba::Kind::Float) = (p.default, p.kind) {
+                assert!(value.parse::<f64>().is_ok(), "{name} {}", p.name);
+            }
+            assert!(!p.help.is_empty());
+        }
+    }
+}
+
+#[test]
+fn errors_say_where_what_and_what_instead() {
+    let bodies = [
+        "<shape type='torus'/>",
+        "\n  <shape type='sphere'>\n    <float name='radios' value='2'/></shape>",
+        "<shape type='sphere'><string name='radius' value='2'/></shape>",
+        "<shape type='sphere'><float name='radius' value='2x'/></shape>",
+        "<shape type='sphere'><float name='radius' value='-1'/></shape>",
+        "<shape type='sphere'><float name='radius' value='$r'/></shape>",
+        "<shape type='sphere'><transform name='to_world'><scale x='2'/></transform></shape>",
+        "<shape type='sphere'><ref id='nobody'/></shape>",
+        "<shape type='sphere' id='a'/>\n<shape type='sphere' id='a'/>",
+        "<shape type='sphere' colour='red'/>",
+        "<shape type='sphere'><bsdf type='diffuse'/><bsdf type='diffuse'/></shape>",
+        "<shape type='sphere'><float name='radius' value='1'/><float name='radius' value='1'/></shape>",
+        "<shape type='obj'><string name='filename' value='none.obj'/></shape>",
+        "<shape type='obj'/>",
+        "<bsdf type='diffuse'><rgb name='reflectance' value='1.5 0 0'/></bsdf>",
+        "<bsdf type='diffuse'><texture name='reflectance' type='bitmap'/></bsdf>",
+        "<bsdf type='diffuse'><spectrum name='reflectance' value='400:0.1, 700:0.3'/></bsdf>",
+        "<bsdf type='conductor'><string name='material' value='Au'/></bsdf>",
+        "<bsdf type='roughconductor'><float name='alpha_u' value='0.1'/></bsdf>",
+        "<bsdf type='roughconductor'><float name='alpha' value='0.1'/><float name='alpha_u' value='0.1'/></bsdf>",
+        "<bsdf type='twosided'><bsdf type='dielectric'/></bsdf>",
+        "<bsdf type='twosided' id='a'><ref id='a'/></bsdf>",
+        "<emitter type='area'/>",
+        "<emitter type='point'><point name='position' value='0'/><transform name='to_world'/></emitter>",
+        "<sensor type='perspective'><float name='fov' value='180'/></sensor>",
+        "<sensor type='perspective'><float name='principal_point_offset_x' value='1'/></sensor>",
+        "<sensor type='perspective'><film type='hdrfilm'><integer name='width' value='1000000'/></film></sensor>",
+        "<texture type='bitmap'/>",
+        "<wobble/>",
+        "<integrator type='path'/><integrator type='path'/>",
+    ];
+    let messages: Vec<_> = bodies.iter().map(|b| xml_error(b)).collect();
+    insta::assert_snapshot!(messages.join("\n"), @r"
+    scene.xml:1:24: shape `torus` is not supported; expected one of obj, ply, rectangle, cube, sphere, disk, cylinder
+    scene.xml:3:5: parameter `radios` of shape `sphere` is not supported; expected one of center, radius, to_world, flip_normals, <bsdf>, <emitter>
+    scene.xml:1:45: parameter `radius` of shape `sphere` as <string>; expected float
+    scene.xml:1:66: `2x`; expected a finite number
+    scene.xml:1:45: `radius` is -1; expected a number above 0
+    scene.xml:1:66: undefined parameter $r; expected a parameter given by <default> above or by -D r=value
+    scene.xml:1:45: `to_world` distorts the sphere; expected rotation, translation and even scale
+    scene.xml:1:45: a reference to `nobody`; expected the id of an object in the scene
+    scene.xml:2:22: the id `a` again; expected each id once; it is also at scene.xml:1:45
+    scene.xml:1:45: attribute `colour` in <shape>; expected one of type, id, name
+    scene.xml:1:67: a second bsdf in shape `sphere`; expected at most one bsdf
+    scene.xml:1:77: the parameter `radius` again; expected each parameter once; it is also at scene.xml:1:45
+    scene.xml:1:42: file none.obj: cannot be opened (No such file or directory (os error 2)); expected a readable file
+    scene.xml:1:24: shape `obj` without `filename`; expected a parameter `filename`
+    scene.xml:1:45: `reflectance` is 1.5 0 0; expected values between 0 and 1
+    scene.xml:1:45: texture `bitmap` as `reflectance` in bsdf `diffuse` is not supported; expected rgb, spectrum or float
+    scene.xml:1:45: `reflectance` by wavelengths is not supported; expected <rgb>, or <spectrum> with one number
+    scene.xml:1:47: `material` is Au; expected `none`, or the metal by eta and k
+    scene.xml:1:24: one of alpha_u and alpha_v without `alpha_v`; expected both or neither
+    scene.xml:1:85: both `alpha` and `alpha_u`; expected one of them
+    scene.xml:1:46: a BSDF with transmission in `twosided`; expected one that only reflects
+    scene.xml:1:53: a BSDF that contains itself; expected no circular references
+    scene.xml:1:24: an `area` emitter outside of shapes; expected it within a shape
+    scene.xml:1:80: both `position` and `to_world`; expected one of them
+    scene.xml:1:51: `fov` is 180; expected an angle between 0 and 180
+    scene.xml:1:51: parameter `principal_point_offset_x` of sensor `perspective` is not supported; expected one of to_world, fov, focal_length, fov_axis, near_clip, far_clip, focus_distance, <film>, <sampler>
+    scene.xml:1:72: a film of 1000000 x 576 pixels; expected at most 268435456 pixels
+    scene.xml:1:24: texture `bitmap` is not supported; expected one of shape, bsdf, emitter, sensor, integrator
+    scene.xml:1:24: <wobble>; expected an object (shape, bsdf, ...), a reference (ref), or a value (float, integer, boolean, string, rgb, spectrum, vector, point, transform)
+    scene.xml:1:49: a second integrator; expected at most one
+    ");
+}
+
+#[test]
+fn lenience_replaces_what_is_not_supported_and_says_so() {
+    let body = "<shape type='torus'/><shape type='sphere'><float name='radios' value='2'/>
+        <bsdf type='plastic'><ref id='nowhere' name='x'/></bsdf><emitter type='mesh'/></shape>
+        <bsdf type='diffuse'><texture name='reflectance' type='bitmap'/></bsdf><medium type='homogeneous'/>
+        <bsdf type='diffuse'><spectrum name='reflectance' value='400:0.1, 700:0.3'/></bsdf>
+        <sensor type='fisheye'/><integrator type='moment'><integrator type='path'/></integrator>"
+        .replace("<ref id='nowhere' name='x'/>", "");
+    let Loaded { scene, warnings, .. } = xml_with(&body, &lenient()).unwrap();
+    assert_eq!(scene.shapes.len(), 1);
+    assert_eq!(scene.materials.last(), Some(&Material::Diffuse { reflectance: Vec3::splat(0.2) }));
+    let replaced = warnings.iter().filter(|w| w.severity == Severity::Replaced).count();
+    let messages: Vec<_> = warnings.iter().map(|w| w.message.as_str()).collect();
+    insta::assert_snapshot!(messages.join("\n"), @r"
+    shape `torus` is not supported; the shape is left out
+    parameter `radios` of shape `sphere` is not supported; it is ignored
+    bsdf `plastic` is not supported; diffuse with reflectance 0.5 is used
+    emitter `mesh` is not supported; the light is left out
+    texture `bitmap` as `reflectance` in bsdf `diffuse` is not supported; `0.5` is used
+    medium `homogeneous` is not supported; it is ignored
+    `reflectance` by wavelengths is not supported; the mean of its values is used
+    sensor `fisheye` is not supported; a camera that frames the scene is used
+    integrator `path` in integrator `moment`; it is ignored
+    the scene has no sensor: using a camera that frames its shapes
+    ");
+    assert_eq!(replaced, 9);
+    // What is wrong rather than unsupported stays an error.
+    assert!(xml_with("<shape type='sphere'><float name='radius' value='x'/></shape>", &lenient()).is_err());
+}
+
+#[test]
+fn only_versions_2_and_3_load() {
+    let folder = Folder::new();
+    let mut messages = Vec::new();
+    for root in [
+        "<scene version='0.6.0'/>",
+        "<scene version='x'/>",
+        "<scene/>",
+        "<bsdf version='3.0.0' type='diffuse'/>",
+    ] {
+        folder.write("scene.xml", root);
+        messages.push(folder.load("scene.xml", &LoadOptions::default()).unwrap_err());
+    }
+    insta::assert_snapshot!(messages.join("\n"), @r#"
+    scene.xml:1:8: scene version `0.6.0`; expected 2.0.0 or newer, as Mitsuba 2 and 3 write; scenes of Mitsuba 0.x do not load yet
+    scene.xml:1:8: scene version `x`; expected 2.0.0 or newer, as Mitsuba 2 and 3 write; scenes of Mitsuba 0.x do not load yet
+    scene.xml:1:1: <scene> without `version`; expected an attribute `version`
+    scene.xml:1:1: <bsdf>; expected a Mitsuba scene: <scene version="3.0.0">
+    "#);
+    folder.write("scene.xml", "<scene version='2.1.0'/>");
+    assert!(folder.load("scene.xml", &LoadOptions::default()).is_ok());
+    folder.write("scene.blend", "");
+    insta::assert_snapshot!(folder.load("scene.blend", &LoadOptions::default()).unwrap_err(), @"scene.blend: a file of type .blend; expected a Mitsuba scene (.xml) or a mesh (.obj, .ply)");
+}
+
+/// Third-party scenes, or `None` with a word about it where they are absent.
+fn testdata(path: &str) -> Option<PathBuf> {
+    let path = Path::new(concat!(env!("CARGO_MANIFEST_DIR"), "/../shared/testdata")).join(path);
+    if !path.exists() {
+        eprintln!("skipped: {} is absent", path.display());
+        return None;
+    }
+    Some(path)
+}
+
+#[test]
+fn published_scenes_load() {
+    let scenes = [("scenes/cbox/cbox_v3.xml", true, 8, 38), ("scenes/sms-ring/ring_v3.xml", true, 3, 4)];
+    for (name, needs_lenience, shapes, triangles) in scenes {
+        let Some(path) = testdata(name) else { continue };
+        assert_eq!(load(&path, &LoadOptions::default()).is_err(), needs_lenience, "{name}");
+        let scene = load(&path, &lenient()).unwrap_or_else(|e| panic!("{e}")).scene;
+        assert_eq!(scene.shapes.len(), shapes, "{name}");
+        let found: usize = scene.shapes.iter().map(triangle_count).sum();
+        assert_eq!(found, triangles, "{name}");
+    }
+}
