@@ -83,7 +83,7 @@ fn query(shapes: &[Shape]) -> EmbreeQuery<'_> {
 
 /// Distance and least barycentric coordinate, in f64, of the point where the ray meets the triangle's plane.
 fn plane_hit(ray: &Ray, corners: [Vec3; 3]) -> (f64, f64) {
-    let [a, b, c] = corners.map(|p| p.as_dvec3());
+    let [a, b, c] = corners.map(Vec3::as_dvec3);
     let (o, d) = (ray.o.as_dvec3(), ray.d.as_dvec3());
     let (e1, e2) = (b - a, c - a);
     let n = e1.cross(e2);

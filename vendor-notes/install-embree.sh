@@ -94,17 +94,26 @@ download_headers() { # DIR : leaves Debian 13's libembree-dev unpacked in DIR/he
     say "downloading Debian $headers_release's libembree-dev (headers only; apt's own lists are not touched)"
     mkdir -p "$1/apt/lists/partial" "$1/apt/archives/partial" "$1/headers"
     echo "deb [signed-by=$debian_keyring] $uri $headers_release main" >"$1/apt/sources.list"
-    local options=(
-        -o "Dir::State=$1/apt" -o "Dir::Cache=$1/apt"
-        -o "Dir::Etc::SourceList=$1/apt/sources.list" -o Dir::Etc::SourceParts=/dev/null
-        -o Dir::Etc::Preferences=/dev/null -o Dir::Etc::PreferencesParts=/dev/null
-        -o "APT::Default-Release=$headers_release" -o "APT::Sandbox::User=$(id -un)"
-        -o Acquire::Languages=none -o Acquire::IndexTargets::deb::DEP-11::DefaultEnabled=false
-        -o APT::Update::Error-Mode=any
-    )
-    apt-get -q "${options[@]}" update \
+    # Read after the machine's own configuration, of which the proxy and credentials stay and the hooks go.
+    cat >"$1/apt/apt.conf" <<END
+Dir::State "$1/apt";
+Dir::Cache "$1/apt";
+Dir::Etc::SourceList "$1/apt/sources.list";
+Dir::Etc::SourceParts "/dev/null";
+Dir::Etc::Preferences "/dev/null";
+Dir::Etc::PreferencesParts "/dev/null";
+APT::Default-Release "$headers_release";
+APT::Sandbox::User "$(id -un)";
+APT::Update::Error-Mode "any";
+Acquire::Languages "none";
+Acquire::IndexTargets::deb::DEP-11::DefaultEnabled "false";
+#clear APT::Update::Pre-Invoke;
+#clear APT::Update::Post-Invoke;
+#clear APT::Update::Post-Invoke-Success;
+END
+    apt-get -q -c "$1/apt/apt.conf" update \
         || fail "the signature or the lists of Debian $headers_release could not be had; an old debian-archive-keyring may lack its keys"
-    (cd "$1/headers" && apt-get -q "${options[@]}" download libembree-dev && dpkg -x libembree-dev_*.deb .)
+    (cd "$1/headers" && apt-get -q -c ../apt/apt.conf download libembree-dev && dpkg -x libembree-dev_*.deb .)
 }
 
 install_from_wheel() {

@@ -29,13 +29,13 @@ const DISTANCE_SLACK: f32 = 128.0 * f32::EPSILON;
 /// How much work Embree puts into its hierarchy.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
 pub enum BuildQuality {
-    /// Morton-code build: fastest to build, slowest to trace.
+    /// Morton codes: least work, and a hierarchy that is slower to trace.
     Low,
     /// Binned surface-area heuristic; the same hierarchy for any number of threads.
     #[default]
     Medium,
-    /// With spatial splits. **Not deterministic** when built by several threads. Embree 4.4 makes no use of it for
-    /// scenes that are robust or compact.
+    /// With spatial splits. **Not deterministic** when built by several threads. For scenes that are robust or
+    /// compact, Embree 4.4 builds the same as for [`Medium`](Self::Medium).
     High,
 }
 
