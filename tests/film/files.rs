@@ -60,7 +60,7 @@ fn exr_round_trip() {
                     assert_eq!(read, &rounded, "{name}");
                 }
                 (Pixels::Colour(written), FlatSamples::F32(read)) if !half => {
-                    assert_eq!(read, written, "{name}")
+                    assert_eq!(read, written, "{name}");
                 }
                 (Pixels::Float(written), FlatSamples::F32(read)) => assert_eq!(read, written, "{name}"),
                 (Pixels::Integer(written), FlatSamples::U32(read)) => assert_eq!(read, written, "{name}"),
@@ -142,7 +142,7 @@ fn a_failed_write_leaves_the_old_file() {
     let path = directory.path().join("file");
     write_atomically(&path, |f| f.write_all(b"old")).unwrap();
     let full = io::Error::from(io::ErrorKind::StorageFull);
-    let error = write_atomically(&path, |f| f.write_all(&[0; 1 << 20]).and(Err(full))).unwrap_err();
+    let error = write_atomically(&path, |f| f.write_all(&vec![0; 1 << 20]).and(Err(full))).unwrap_err();
     assert!(error.to_string().contains(&path.display().to_string()), "{error}");
     assert_eq!(fs::read(&path).unwrap(), b"old");
     assert_eq!(fs::read_dir(directory.path()).unwrap().count(), 1, "nothing is left beside it");

@@ -1,5 +1,8 @@
 //! The film: reconstruction, order independence, splats, variance, AOVs, files.
 
+// Coordinates are small.
+#![allow(clippy::cast_possible_wrap)]
+
 mod files;
 mod order;
 mod pixels;
