@@ -83,7 +83,12 @@ pub fn write_exr(
     let mut layer = exr_lib::Layer::new(
         size(image.crop.size),
         exr_lib::LayerAttributes::default(),
-        exr_lib::Encoding { compression: exr_lib::Compression::ZIP16, ..exr_lib::Encoding::default() },
+        // The crate's default is tiles, which some readers of plain images do not expect.
+        exr_lib::Encoding {
+            compression: exr_lib::Compression::ZIP16,
+            blocks: exr_lib::Blocks::ScanLines,
+            line_order: exr_lib::LineOrder::Increasing,
+        },
         AnyChannels::sort(channels),
     );
     let min = image.crop.min.as_ivec2();

@@ -28,8 +28,8 @@ pub(super) struct Reconstruction<'a> {
     width: usize,
     contributions: Vec<Weighted>,
     /// [`FilterTable::taps`] weights per sample and axis.
-    weights_x: Vec<f32>,
-    weights_y: Vec<f32>,
+    weights_x: Vec<f64>,
+    weights_y: Vec<f64>,
 }
 
 impl<'a> Reconstruction<'a> {
@@ -108,7 +108,7 @@ impl<'a> Reconstruction<'a> {
             let mut row = [0.0; 4];
             for (dx, ((c, wx), wy)) in contributions.iter().zip(weights_x).zip(weights_y).enumerate() {
                 // A sample `dx` columns after the first lies `dx - border` from the pixel, so the pixel `border - dx` from it.
-                let weight = f64::from(wx[taps - 1 - dx]) * f64::from(wy[taps - 1 - dy]);
+                let weight = wx[taps - 1 - dx] * wy[taps - 1 - dy];
                 for (sum, value) in row.iter_mut().zip(c) {
                     *sum += weight * value;
                 }
