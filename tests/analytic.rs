@@ -93,7 +93,8 @@ fn grey_furnace_diffuse() {
 /// Smooth glass and mirrors keep all energy, through any number of internal reflections.
 #[test]
 fn white_furnace_specular() {
-    let glass = Material::Dielectric { eta: 1.5, specular_reflectance: Rgb::ONE, specular_transmittance: Rgb::ONE };
+    let glass =
+        Material::Dielectric { eta: 1.5, specular_reflectance: Rgb::ONE, specular_transmittance: Rgb::ONE };
     let mirror = Material::Conductor { eta: Rgb::ZERO, k: Rgb::ONE, specular_reflectance: Rgb::ONE };
     for (name, material) in [("glass", glass), ("mirror", mirror)] {
         let scene = empty()
@@ -139,7 +140,8 @@ fn white_furnace_rough() {
 /// Inside a closed sphere that glows and reflects, every path is a geometric series: Le / (1 - albedo), or its partial sum.
 #[test]
 fn glowing_sphere_from_inside() {
-    let scene = empty().shape(hollow_sphere(Vec3::new(0.3, 0.1, -0.2), 3.0), diffuse(0.6), Some(Rgb::splat(1.5)));
+    let scene =
+        empty().shape(hollow_sphere(Vec3::new(0.3, 0.1, -0.2), 3.0), diffuse(0.6), Some(Rgb::splat(1.5)));
     check("glowing sphere", &scene, unlimited(), forward(), 1.5 / 0.4);
     let three_terms = 1.5 * (1.0 + 0.6 + 0.36);
     check("glowing sphere, depth 3", &scene, up_to(3), forward(), three_terms);

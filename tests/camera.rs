@@ -14,10 +14,20 @@ fn cameras() -> Vec<(&'static str, CameraModel)> {
         DQuat::from_euler(glam::EulerRot::XYZ, 0.3, -0.7, 0.2),
         DVec3::new(1.0, -2.0, 0.5),
     );
-    let camera = |lens| Camera { to_world: place, fov: 50.0, fov_axis: FovAxis::X, lens, near_clip: 0.01, far_clip: 1e4 };
+    let camera = |lens| Camera {
+        to_world: place,
+        fov: 50.0,
+        fov_axis: FovAxis::X,
+        lens,
+        near_clip: 0.01,
+        far_clip: 1e4,
+    };
     vec![
         ("pinhole", CameraModel::new(&camera(Lens::Pinhole), SIZE)),
-        ("thin lens", CameraModel::new(&camera(Lens::Thin { aperture_radius: 0.2, focus_distance: 3.0 }), SIZE)),
+        (
+            "thin lens",
+            CameraModel::new(&camera(Lens::Thin { aperture_radius: 0.2, focus_distance: 3.0 }), SIZE),
+        ),
     ]
 }
 
@@ -49,7 +59,8 @@ fn field_of_view_is_measured_across_its_axis() {
     ];
     for (fov_axis, film) in cases {
         let to_world = DAffine3::IDENTITY;
-        let camera = Camera { to_world, fov: 50.0, fov_axis, lens: Lens::Pinhole, near_clip: 0.0, far_clip: 1e9 };
+        let camera =
+            Camera { to_world, fov: 50.0, fov_axis, lens: Lens::Pinhole, near_clip: 0.0, far_clip: 1e9 };
         let camera = CameraModel::new(&camera, SIZE);
         let angle = camera.spawn_ray(film, Vec2::ZERO).d.z.acos().to_degrees();
         assert!((angle - 25.0).abs() < 1e-3, "{fov_axis:?}: {angle}");
@@ -152,7 +163,8 @@ fn connections_agree_with_rays() {
             by_connections.push(f64::from(value));
             connections_x.push(f64::from(value * c.film.x));
         }
-        family.record(format!("{name}, brightness"), crate::statistics::z_test_two(&by_rays, &by_connections));
+        family
+            .record(format!("{name}, brightness"), crate::statistics::z_test_two(&by_rays, &by_connections));
         family.record(format!("{name}, place"), crate::statistics::z_test_two(&rays_x, &connections_x));
     }
     family.assert_accepted(FALSE_ALARM_RATE);

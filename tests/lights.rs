@@ -8,7 +8,9 @@ use std::f64::consts::{PI, TAU};
 use glam::{DVec3, Vec2, Vec3};
 use helmholtz::query::obvhs::{BuildQuality, ObvhsQuery};
 use helmholtz::query::{Ray, RayQuery};
-use helmholtz::scene::{AnalyticKind, AnalyticShape, Emitter, Geometry, Rgb, Scene, SurfacePoint, TriangleMesh};
+use helmholtz::scene::{
+    AnalyticKind, AnalyticShape, Emitter, Geometry, Rgb, Scene, SurfacePoint, TriangleMesh,
+};
 use helmholtz::transport::World;
 
 use crate::scene_builder::{Build, diffuse, empty, quad, sphere};
@@ -28,14 +30,16 @@ struct Charted {
 const QUAD_CORNER: DVec3 = DVec3::new(-1.0, 2.0, -0.5);
 const QUAD_EX: DVec3 = DVec3::new(2.0, 0.0, 0.0);
 const QUAD_EY: DVec3 = DVec3::new(0.0, 0.0, 1.0);
-const TRIANGLE: [DVec3; 3] = [DVec3::new(-1.0, 2.0, -0.5), DVec3::new(2.0, 2.5, 0.0), DVec3::new(0.3, 1.5, 1.2)];
+const TRIANGLE: [DVec3; 3] =
+    [DVec3::new(-1.0, 2.0, -0.5), DVec3::new(2.0, 2.5, 0.0), DVec3::new(0.3, 1.5, 1.2)];
 const CENTER: DVec3 = DVec3::new(0.5, 2.0, 0.25);
 const RADIUS: f64 = 0.75;
 
 fn charted_lights() -> Vec<Charted> {
     // The shape's own z axis becomes `axis`, which is up or down.
     let turned = |kind, axis: DVec3, scale| {
-        let rotation = glam::DMat3::from_cols(DVec3::X, axis.cross(DVec3::X), axis) * glam::DMat3::from_diagonal(scale);
+        let rotation =
+            glam::DMat3::from_cols(DVec3::X, axis.cross(DVec3::X), axis) * glam::DMat3::from_diagonal(scale);
         let to_world = glam::DAffine3::from_mat3_translation(rotation, CENTER);
         Geometry::Analytic(AnalyticShape::new(kind, to_world, false).expect("a proper shape"))
     };
@@ -146,7 +150,12 @@ fn integrate_cell(f: impl Fn(f64, f64) -> f64, i: usize, j: usize) -> f64 {
 fn light_points_follow_their_density() {
     const COUNT: u64 = 200_000;
     let mut family = Family::default();
-    let places = [Vec3::new(0.4, -1.0, 0.2), Vec3::new(0.1, 0.9, 0.1), Vec3::new(9.0, -90.0, 30.0), Vec3::new(-6.0, 0.4, 2.0)];
+    let places = [
+        Vec3::new(0.4, -1.0, 0.2),
+        Vec3::new(0.1, 0.9, 0.1),
+        Vec3::new(9.0, -90.0, 30.0),
+        Vec3::new(-6.0, 0.4, 2.0),
+    ];
     for light in charted_lights() {
         let scene = lit_by(light.geometry.clone());
         let world = World::new(&scene);
@@ -170,7 +179,8 @@ fn light_points_follow_their_density() {
                 observed[cell(a) * CELLS + cell(b)] += 1;
                 drawn += 1;
             }
-            let id = world.lights.light_at(&SurfacePoint { shape: 0, primitive: 0, ..from }).expect("a light");
+            let id =
+                world.lights.light_at(&SurfacePoint { shape: 0, primitive: 0, ..from }).expect("a light");
             let density = |a: f64, b: f64| {
                 let (q, n, area) = (light.at)(a, b);
                 let to = q - p.as_dvec3();
@@ -180,7 +190,15 @@ fn light_points_follow_their_density() {
                     return 0.0;
                 }
                 let (n, wi) = (n.as_vec3(), wi.as_vec3());
-                let point = SurfacePoint { p: q.as_vec3(), p_err: 0.0, ng: n, ns: n, uv: Vec2::ZERO, shape: 0, primitive: 0 };
+                let point = SurfacePoint {
+                    p: q.as_vec3(),
+                    p_err: 0.0,
+                    ng: n,
+                    ns: n,
+                    uv: Vec2::ZERO,
+                    shape: 0,
+                    primitive: 0,
+                };
                 f64::from(world.lights.pdf_li(id, from.p, &point, wi)) * cos / to.length_squared() * area
             };
             let expected: Vec<f64> = (0..CELLS * CELLS)
@@ -200,7 +218,10 @@ fn light_points_follow_their_density() {
             // Smooth surfaces turn away inside cells: only those wholly in view have an exact expectation.
             let in_view = |i: usize| {
                 let corner = |di: usize, dj: usize| {
-                    let (q, n, _) = (light.at)((i / CELLS + di) as f64 / CELLS as f64, (i % CELLS + dj) as f64 / CELLS as f64);
+                    let (q, n, _) = (light.at)(
+                        (i / CELLS + di) as f64 / CELLS as f64,
+                        (i % CELLS + dj) as f64 / CELLS as f64,
+                    );
                     (p.as_dvec3() - q).normalize().dot(n) > 0.02
                 };
                 corner(0, 0) && corner(0, 1) && corner(1, 0) && corner(1, 1)
@@ -248,15 +269,19 @@ fn emission_agrees_with_illumination() {
         for _ in 0..COUNT {
             let (position, direction) = (random.uniform_2d(), random.uniform_2d());
             let sample = world.lights.sample_le(random.uniform(), position, direction).expect("a light");
-            let (position, direction) = world.lights.pdf_le(sample.light, sample.point.map(|p| p.ng), sample.ray.d);
+            let (position, direction) =
+                world.lights.pdf_le(sample.light, sample.point.map(|p| p.ng), sample.ray.d);
             assert!((position / sample.pdf_position - 1.0).abs() < 1e-4);
             assert!((direction - sample.pdf_direction_w).abs() < 1e-4 * direction.max(1e-3), "{name}");
             let flux = sample.radiance.y * sample.cos / (sample.pdf_position * sample.pdf_direction_w);
             // The patch's upper side only: it has no thickness.
-            let arrives = query.intersect(&sample.ray).is_some_and(|hit| hit.shape == target) && sample.ray.d.y < 0.0;
+            let arrives =
+                query.intersect(&sample.ray).is_some_and(|hit| hit.shape == target) && sample.ray.d.y < 0.0;
             emitted.push(if arrives { f64::from(flux) } else { 0.0 });
         }
-        let Geometry::Mesh(mesh) = &scene.shapes[target as usize].geometry else { unreachable!("a quad is a mesh") };
+        let Geometry::Mesh(mesh) = &scene.shapes[target as usize].geometry else {
+            unreachable!("a quad is a mesh")
+        };
         let mut received = Moments::default();
         for _ in 0..COUNT {
             let half = u32::from(random.uniform() < 0.5);

@@ -64,7 +64,9 @@ fn estimate(images: &[Vec<[f32; 3]>], width: usize) -> Estimate {
     let blocks: Vec<Vec<f64>> = images.iter().map(|image| block_means(image, width)).collect();
     let totals: Vec<[f64; 3]> = images
         .iter()
-        .map(|image| std::array::from_fn(|c| image.iter().map(|p| f64::from(p[c])).sum::<f64>() / image.len() as f64))
+        .map(|image| {
+            std::array::from_fn(|c| image.iter().map(|p| f64::from(p[c])).sum::<f64>() / image.len() as f64)
+        })
         .collect();
     Estimate {
         blocks: (0..blocks[0].len()).map(|i| mean_and_error(blocks.iter().map(|b| b[i]))).collect(),
@@ -79,7 +81,8 @@ fn reference(stem: &str, out: &Path) -> (Estimate, usize) {
     let number = |key: &str| json[key].as_u64().expect("a number") as usize;
     let (width, height) = (number("width"), number("height"));
     let bytes = fs::read(out.join(format!("{stem}.f32"))).expect("the reference");
-    let floats: Vec<f32> = bytes.chunks_exact(4).map(|b| f32::from_le_bytes([b[0], b[1], b[2], b[3]])).collect();
+    let floats: Vec<f32> =
+        bytes.chunks_exact(4).map(|b| f32::from_le_bytes([b[0], b[1], b[2], b[3]])).collect();
     let pixels: Vec<[f32; 3]> = floats.chunks_exact(3).map(|c| [c[0], c[1], c[2]]).collect();
     assert_eq!(pixels.len(), RUNS * width * height);
     let images: Vec<_> = pixels.chunks_exact(width * height).map(<[_]>::to_vec).collect();
@@ -94,7 +97,14 @@ struct Case<'a> {
 }
 
 impl Case<'_> {
-    fn compare(&self, backend: &str, what: &str, ours: &[(f64, f64)], theirs: &[(f64, f64)], limit: f64) -> Vec<String> {
+    fn compare(
+        &self,
+        backend: &str,
+        what: &str,
+        ours: &[(f64, f64)],
+        theirs: &[(f64, f64)],
+        limit: f64,
+    ) -> Vec<String> {
         assert_eq!(ours.len(), theirs.len());
         // Where neither has any variance (an even background), rounding is left.
         let brightest = theirs.iter().fold(0.0_f64, |b, (mean, _)| b.max(mean.abs()));
@@ -104,7 +114,10 @@ impl Case<'_> {
             let excess = (a.0 - b.0).abs() - rounding;
             (excess > limit * error).then(|| {
                 let t = (a.0 - b.0) / error;
-                format!("{} on {backend}, {what} {i}: {:.6} but Mitsuba has {:.6}, {t:.1} errors apart", self.name, a.0, b.0)
+                format!(
+                    "{} on {backend}, {what} {i}: {:.6} but Mitsuba has {:.6}, {t:.1} errors apart",
+                    self.name, a.0, b.0
+                )
             })
         };
         ours.iter().zip(theirs).enumerate().filter_map(differ).collect()
@@ -119,7 +132,8 @@ impl BackendTest for Case<'_> {
         let integrator = Integrator::new(name, &settings.parameters).expect("a known integrator");
         let images: Vec<Vec<[f32; 3]>> = (0..RUNS as u64)
             .map(|seed| {
-                let mut film = Film::new(&self.scene.film, AovSet::default(), world.lights.radiance_unit()).expect("a film");
+                let mut film = Film::new(&self.scene.film, AovSet::default(), world.lights.radiance_unit())
+                    .expect("a film");
                 let stop = Stop { passes: 0..self.scene.sample_count, time: None };
                 let target = Target { integrator, seed };
                 render(&world, query, &target, &mut film, &stop, |_| Control::Continue).expect("rendered");
@@ -130,8 +144,15 @@ impl BackendTest for Case<'_> {
             })
             .collect();
         let ours = estimate(&images, self.width);
-        let mut failures = self.compare(backend, "image channel", &ours.image, &self.reference.image, IMAGE_LIMIT);
-        failures.extend(self.compare(backend, "block value", &ours.blocks, &self.reference.blocks, BLOCK_LIMIT));
+        let mut failures =
+            self.compare(backend, "image channel", &ours.image, &self.reference.image, IMAGE_LIMIT);
+        failures.extend(self.compare(
+            backend,
+            "block value",
+            &ours.blocks,
+            &self.reference.blocks,
+            BLOCK_LIMIT,
+        ));
         let shown = failures.len().min(8);
         assert!(failures.is_empty(), "{} differences:\n{}", failures.len(), failures[..shown].join("\n"));
     }

@@ -2,8 +2,8 @@
 
 use glam::{DAffine3, DVec3, UVec2, UVec3, Vec3};
 use helmholtz::scene::{
-    AnalyticShape, Camera, Emitter, FilmSettings, Filter, FovAxis, Geometry, IntegratorSettings, Lens, Material,
-    MaterialId, PixelRect, Rgb, Scene, Shape, TriangleMesh,
+    AnalyticShape, Camera, Emitter, FilmSettings, Filter, FovAxis, Geometry, IntegratorSettings, Lens,
+    Material, MaterialId, PixelRect, Rgb, Scene, Shape, TriangleMesh,
 };
 
 /// A scene of 8x8 pixels without shapes, seen from the origin along +z.
@@ -21,7 +21,12 @@ pub(crate) fn empty() -> Scene {
             near_clip: 0.0,
             far_clip: f64::INFINITY,
         },
-        film: FilmSettings { size, crop: PixelRect { min: UVec2::ZERO, size }, filter: Filter::Box, half_float: false },
+        film: FilmSettings {
+            size,
+            crop: PixelRect { min: UVec2::ZERO, size },
+            filter: Filter::Box,
+            half_float: false,
+        },
         integrator: IntegratorSettings::default(),
         sample_count: 1,
     }
@@ -57,7 +62,11 @@ pub(crate) fn sphere(center: Vec3, radius: f32) -> Geometry {
 
 /// A sphere whose normal points inwards.
 pub(crate) fn hollow_sphere(center: Vec3, radius: f64) -> Geometry {
-    let to_world = DAffine3::from_scale_rotation_translation(DVec3::splat(radius), glam::DQuat::IDENTITY, center.as_dvec3());
+    let to_world = DAffine3::from_scale_rotation_translation(
+        DVec3::splat(radius),
+        glam::DQuat::IDENTITY,
+        center.as_dvec3(),
+    );
     let kind = helmholtz::scene::AnalyticKind::Sphere;
     Geometry::Analytic(AnalyticShape::new(kind, to_world, true).expect("a proper sphere"))
 }
@@ -70,5 +79,7 @@ pub(crate) fn quad(corner: Vec3, ex: Vec3, ey: Vec3) -> Geometry {
 
 pub(crate) fn mesh(positions: Vec<Vec3>, triangles: &[UVec3]) -> Geometry {
     let triangles = triangles.iter().map(UVec3::to_array).collect();
-    Geometry::Mesh(TriangleMesh::new(positions, triangles, Vec::new(), Vec::new(), false).expect("a valid mesh"))
+    Geometry::Mesh(
+        TriangleMesh::new(positions, triangles, Vec::new(), Vec::new(), false).expect("a valid mesh"),
+    )
 }

@@ -24,7 +24,12 @@ pub(super) fn describe<Q: RayQuery>(
         let mut printer = Printer { world, text: format!("pixel {},{} pass {pass}\n", pixel.x, pixel.y) };
         let sample = sample_pixel(world, query, target, pixel.as_ivec2(), pass, &mut printer);
         text += &printer.text;
-        let _ = writeln!(text, "  = {} at {:?} of the pixel\n", show(sample.sample.radiance), sample.sample.jitter.to_array());
+        let _ = writeln!(
+            text,
+            "  = {} at {:?} of the pixel\n",
+            show(sample.sample.radiance),
+            sample.sample.jitter.to_array()
+        );
     }
     text
 }
@@ -41,7 +46,8 @@ fn show(v: Vec3) -> String {
 impl PathObserver for Printer<'_, '_> {
     fn segment(&mut self, depth: u32, ray: &Ray, hit: Option<(&SurfaceVertex, f32)>, beta: Rgb) {
         // Writing to a String cannot fail.
-        let _ = writeln!(self.text, "  {depth}: from {} to {}  beta {}", show(ray.o), show(ray.d), show(beta));
+        let _ =
+            writeln!(self.text, "  {depth}: from {} to {}  beta {}", show(ray.o), show(ray.d), show(beta));
         let _ = match hit {
             Some((vertex, t)) => {
                 let point = &vertex.point;
@@ -49,7 +55,13 @@ impl PathObserver for Printer<'_, '_> {
                 writeln!(
                     self.text,
                     "     hits `{}` (shape {}, primitive {}) at {} after t {t}\n     ng {} ns {} p_err {:e}\n     {:?}",
-                    shape.name, point.shape, point.primitive, show(point.p), show(point.ng), show(point.ns), point.p_err,
+                    shape.name,
+                    point.shape,
+                    point.primitive,
+                    show(point.p),
+                    show(point.ng),
+                    show(point.ns),
+                    point.p_err,
                     vertex.bsdf,
                 )
             }

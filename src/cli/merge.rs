@@ -30,7 +30,9 @@ pub(super) fn run(args: &MergeArgs) -> Result<u8, CliError> {
     let (first, rest) = args.states.split_first().ok_or("no state files given")?;
     let (identity, mut film) = load_state(first)?;
     for path in rest {
-        let refused = |error: &dyn std::fmt::Display| format!("{} does not go with {}: {error}", path.display(), first.display());
+        let refused = |error: &dyn std::fmt::Display| {
+            format!("{} does not go with {}: {error}", path.display(), first.display())
+        };
         let (other_identity, other) = load_state(path)?;
         identity.check_same(&other_identity).map_err(|error| refused(&error))?;
         film.merge(&other).map_err(|error| refused(&error))?;

@@ -52,7 +52,8 @@ pub(super) fn pixel(text: &str) -> Result<UVec2, String> {
 
 /// `X,Y,WIDTHxHEIGHT`.
 pub(super) fn crop(text: &str) -> Result<PixelRect, String> {
-    let (min, extent) = text.rsplit_once(',').ok_or_else(|| format!("expected X,Y,WIDTHxHEIGHT, found `{text}`"))?;
+    let (min, extent) =
+        text.rsplit_once(',').ok_or_else(|| format!("expected X,Y,WIDTHxHEIGHT, found `{text}`"))?;
     Ok(PixelRect { min: pixel(min)?, size: size(extent)? })
 }
 
@@ -68,7 +69,8 @@ pub(super) fn duration(text: &str) -> Result<Duration, String> {
         "h" => 3600.0,
         _ => return Err(format!("expected one of the units ms, s, m, h, found `{text}`")),
     };
-    Duration::try_from_secs_f64(seconds * scale).map_err(|_| format!("`{text}` is not a time that can be waited for"))
+    Duration::try_from_secs_f64(seconds * scale)
+        .map_err(|_| format!("`{text}` is not a time that can be waited for"))
 }
 
 /// `FIRST..END`, the end not included.

@@ -27,9 +27,14 @@ impl Bar {
 
     pub(super) fn update(&self, progress: &Progress, by_passes: bool) {
         let seconds = progress.elapsed.as_secs_f64().max(1e-9);
-        let position = if by_passes { u64::from(progress.passes) } else { progress.elapsed.as_millis() as u64 };
+        let position =
+            if by_passes { u64::from(progress.passes) } else { progress.elapsed.as_millis() as u64 };
         self.0.set_position(position);
-        self.0.set_message(format!("{} passes, {:.2} M rays/s", progress.passes, progress.rays as f64 / seconds / 1e6));
+        self.0.set_message(format!(
+            "{} passes, {:.2} M rays/s",
+            progress.passes,
+            progress.rays as f64 / seconds / 1e6
+        ));
     }
 
     pub(super) fn finish(&self) {

@@ -124,7 +124,9 @@ pub(super) fn run(args: &RenderArgs) -> Result<u8, CliError> {
     let job = Job { args, scene: &scene, files: &files, outputs, target, load_time, start };
     match args.backend()? {
         #[cfg(feature = "embree")]
-        Backend::Embree(settings) => job.run(&crate::query::embree::EmbreeQuery::new(&scene.shapes, settings)?),
+        Backend::Embree(settings) => {
+            job.run(&crate::query::embree::EmbreeQuery::new(&scene.shapes, settings)?)
+        }
         Backend::Obvhs(quality) => job.run(&crate::query::obvhs::ObvhsQuery::new(&scene.shapes, quality)),
     }
 }
@@ -139,7 +141,11 @@ impl RenderArgs {
         if let Some(crop) = self.crop {
             let end = crop.min.checked_add(crop.size);
             if !end.is_some_and(|end| end.cmple(scene.film.size).all()) {
-                return Err(format!("--crop reaches beyond the film of {}x{}", scene.film.size.x, scene.film.size.y).into());
+                return Err(format!(
+                    "--crop reaches beyond the film of {}x{}",
+                    scene.film.size.x, scene.film.size.y
+                )
+                .into());
             }
             scene.film.crop = crop;
         }

@@ -42,7 +42,8 @@ impl SurfaceVertex {
         let material = scene.shapes[hit.shape as usize].material;
         let bsdf = Bsdf::new(&scene.materials, material, &point);
         let tangent = if bsdf.is_anisotropic() { point.dp_du(&scene.shapes) } else { None };
-        let frame = tangent.map_or_else(|| Frame::from_z(point.ns), |t| Frame::from_z_and_tangent(point.ns, t));
+        let frame =
+            tangent.map_or_else(|| Frame::from_z(point.ns), |t| Frame::from_z_and_tangent(point.ns, t));
         Self { point, frame, bsdf, wo: -ray.d }
     }
 

@@ -5,8 +5,8 @@
 
 use glam::{DVec3, Vec3, Vec3A};
 use helmholtz::query::obvhs::BuildQuality;
-use helmholtz::query::triangle::WatertightRay;
 use helmholtz::query::obvhs::ObvhsQuery;
+use helmholtz::query::triangle::WatertightRay;
 use helmholtz::query::{Ray, RayQuery};
 use helmholtz::sampling::sampler::mix;
 use helmholtz::scene::{Geometry, MaterialId, Shape, TriangleMesh};

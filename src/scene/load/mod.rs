@@ -208,5 +208,8 @@ fn push(materials: &mut Vec<Material>, material: Material) -> MaterialId {
     MaterialId(materials.len() as u32 - 1)
 }
 
+/// Of lamps that name no material.
+const BLACK: Material = Material::Diffuse { reflectance: Vec3::ZERO };
+
 /// Mitsuba's default material.
 const GREY: Material = Material::Diffuse { reflectance: Vec3::splat(0.5) };

@@ -264,9 +264,8 @@ impl Lobe {
     #[inline]
     fn is_anisotropic(&self) -> bool {
         match self {
-            Self::RoughConductor(RoughConductor { facets, .. }) | Self::RoughDielectric(RoughDielectric { facets, .. }) => {
-                facets.is_anisotropic()
-            }
+            Self::RoughConductor(RoughConductor { facets, .. })
+            | Self::RoughDielectric(RoughDielectric { facets, .. }) => facets.is_anisotropic(),
             Self::Black | Self::Diffuse { .. } | Self::Conductor(_) | Self::Dielectric(_) => false,
         }
     }

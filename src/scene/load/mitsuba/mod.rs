@@ -55,7 +55,7 @@ pub(super) fn load(path: &Path, defines: &[(String, String)], log: &mut Log) -> 
         log,
         materials: Vec::new(),
         material_ids: HashMap::new(),
-        default_material: None,
+        default_materials: Vec::new(),
         depth: 0,
         shapes: Vec::new(),
         emitters: Vec::new(),
@@ -92,7 +92,7 @@ struct Builder<'a> {
     materials: Vec<Material>,
     /// `None` while a BSDF is being built, which is how circles are noticed.
     material_ids: HashMap<ObjectId, Option<MaterialId>>,
-    default_material: Option<MaterialId>,
+    default_materials: Vec<MaterialId>,
     depth: usize,
     shapes: Vec<PlannedShape>,
     emitters: Vec<Emitter>,
@@ -165,15 +165,22 @@ impl<'a> Builder<'a> {
                 properties.finish()?;
                 push(&mut self.materials, material)
             }
-            None => self.default_material(),
+            None => self.default_material(super::GREY),
         };
         self.depth -= 1;
         self.material_ids.insert(id, Some(material));
         Ok(material)
     }
 
-    fn default_material(&mut self) -> MaterialId {
-        *self.default_material.get_or_insert_with(|| push(&mut self.materials, super::GREY))
+    /// One of the materials of shapes that name none: those are few, and each is kept once.
+    fn default_material(&mut self, material: Material) -> MaterialId {
+        let found =
+            self.default_materials.iter().copied().find(|id| self.materials[id.0 as usize] == material);
+        found.unwrap_or_else(|| {
+            let id = push(&mut self.materials, material);
+            self.default_materials.push(id);
+            id
+        })
     }
 
     fn shape(&mut self, id: ObjectId) -> Result<(), LoadError> {
@@ -181,13 +188,16 @@ impl<'a> Builder<'a> {
             return Ok(());
         };
         let object = properties.object;
-        let material = match properties.optional_object(Category::Bsdf)? {
-            Some(bsdf) => self.material(bsdf, object.at)?,
-            None => self.default_material(),
-        };
+        let bsdf = properties.optional_object(Category::Bsdf)?;
         let emission = match properties.optional_object(Category::Emitter)? {
             Some(emitter) => self.emission(emitter)?,
             None => None,
+        };
+        let material = match bsdf {
+            Some(bsdf) => self.material(bsdf, object.at)?,
+            // As in Mitsuba: a lamp without a BSDF reflects nothing.
+            None if emission.is_some() => self.default_material(super::BLACK),
+            None => self.default_material(super::GREY),
         };
         let surface = build(&properties)?;
         properties.finish()?;
