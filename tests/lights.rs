@@ -173,7 +173,10 @@ fn light_points_follow_their_density() {
                 let Some(hit) = query.intersect(&ray) else { continue };
                 let point = hit.surface(&scene.shapes, &ray);
                 let pdf = world.lights.pdf_li(sample.light, from.p, &point, sample.wi);
-                assert!((pdf / sample.pdf_w - 1.0).abs() < 2e-2, "{}: {pdf} {}", light.name, sample.pdf_w);
+                // Densities per area grow without bound towards the silhouette, where f32 no longer tells their place.
+                if point.ng.dot(sample.wi) < -0.05 {
+                    assert!((pdf / sample.pdf_w - 1.0).abs() < 1e-2, "{}: {pdf} {}", light.name, sample.pdf_w);
+                }
                 let (a, b) = (light.locate)(&point);
                 let cell = |x: f64| ((x * CELLS as f64) as usize).min(CELLS - 1);
                 observed[cell(a) * CELLS + cell(b)] += 1;

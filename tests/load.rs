@@ -648,8 +648,8 @@ fn lenience_replaces_what_is_not_supported_and_says_so() {
     insta::assert_snapshot!(messages.join("\n"), @r"
     shape `torus` is not supported; the shape is left out
     parameter `radios` of shape `sphere` is not supported; it is ignored
-    bsdf `plastic` is not supported; diffuse with reflectance 0.5 is used
     emitter `mesh` is not supported; the light is left out
+    bsdf `plastic` is not supported; diffuse with reflectance 0.5 is used
     texture `bitmap` as `reflectance` in bsdf `diffuse` is not supported; `0.5` is used
     medium `homogeneous` is not supported; it is ignored
     `reflectance` by wavelengths is not supported; the mean of its values is used

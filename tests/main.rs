@@ -5,6 +5,7 @@ mod analytic_shapes;
 mod backends;
 mod bsdf;
 mod camera;
+mod cli;
 mod film;
 mod lights;
 mod load;

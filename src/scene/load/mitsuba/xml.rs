@@ -593,14 +593,18 @@ impl SceneReader<'_> {
             }
             "rotate" => {
                 let attributes = self.attributes(node, at, &["value", "x", "y", "z", "angle"])?;
-                let axis = self.components(&attributes, 0.0)?.try_normalize();
-                let Some(axis) = axis else {
+                let given = self.components(&attributes, 0.0)?;
+                let Some(axis) = given.try_normalize() else {
                     return self.error(
                         at,
                         "a rotation without an axis",
                         "an axis (x, y, z or value) other than zero",
                     );
                 };
+                if !given.abs_diff_eq(axis, 1e-3) {
+                    let message = "the rotation's axis is not of unit length: Mitsuba 3 makes a distortion of it, here it is normalised";
+                    self.log.warn(self.document.locate(at), message);
+                }
                 let (text, angle_at) = attributes.require("angle", &self.document)?;
                 let angle = self.parsed(values::float(text), text, angle_at)?;
                 Ok(DAffine3::from_axis_angle(axis, angle.to_radians()))

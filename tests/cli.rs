@@ -1,0 +1,224 @@
+//! The program from end to end: what it writes, what it says, and that threads, resuming and merging change no bit.
+
+use std::fs;
+use std::path::{Path, PathBuf};
+use std::process::{Command, Output};
+
+use exr::prelude::{ReadChannels, ReadLayers};
+use tempfile::TempDir;
+
+const SCENE: &str = concat!(env!("CARGO_MANIFEST_DIR"), "/scenes/cornell-box.xml");
+const BACKENDS: &[&str] = &[
+    #[cfg(feature = "embree")]
+    "embree",
+    "obvhs",
+];
+
+struct Folder(TempDir);
+
+impl Folder {
+    fn new() -> Self {
+        Self(TempDir::new().expect("a temporary folder"))
+    }
+
+    fn path(&self, name: &str) -> PathBuf {
+        self.0.path().join(name)
+    }
+
+    /// Runs the program in this folder.
+    fn run(&self, arguments: &[&str]) -> Output {
+        let mut command = Command::new(env!("CARGO_BIN_EXE_helmholtz"));
+        command.current_dir(self.0.path()).args(arguments).output().expect("the program runs")
+    }
+
+    /// Runs it and expects success; standard error.
+    fn succeed(&self, arguments: &[&str]) -> String {
+        let output = self.run(arguments);
+        let text = String::from_utf8_lossy(&output.stderr).into_owned();
+        assert!(output.status.success(), "{arguments:?}: {text}");
+        text
+    }
+
+    /// Runs it and expects an error with this exit code; standard error.
+    fn fail(&self, arguments: &[&str], code: i32) -> String {
+        let output = self.run(arguments);
+        assert_eq!(output.status.code(), Some(code), "{arguments:?}");
+        String::from_utf8_lossy(&output.stderr).into_owned()
+    }
+}
+
+/// Names and bits of all channels of a file.
+fn channels(path: &Path) -> Vec<(String, Vec<u32>)> {
+    let image = exr::prelude::read()
+        .no_deep_data()
+        .largest_resolution_level()
+        .all_channels()
+        .first_valid_layer()
+        .all_attributes()
+        .from_file(path)
+        .expect("an EXR file");
+    let list = image.layer_data.channel_data.list;
+    list.iter().map(|c| (c.name.to_string(), c.sample_data.values_as_f32().map(f32::to_bits).collect())).collect()
+}
+
+#[test]
+fn an_image_is_the_same_for_any_number_of_threads() {
+    for backend in BACKENDS {
+        let folder = Folder::new();
+        let render = |threads: &str, name: &str| {
+            folder.succeed(&[
+                "render", SCENE, "--size", "48x40", "--spp", "6", "--backend", backend, "--threads", threads, "--aov",
+                "variance,depth,albedo,shape-id", "--quiet", "-o", name,
+            ]);
+            channels(&folder.path(name))
+        };
+        let one = render("1", "one.exr");
+        assert!(one.iter().any(|(_, bits)| bits.iter().any(|&b| b != 0)), "the image is black");
+        for threads in ["2", "5"] {
+            assert!(one == render(threads, "more.exr"), "{backend} with {threads} threads differs");
+        }
+    }
+}
+
+#[test]
+fn resuming_and_merging_change_no_bit() {
+    let folder = Folder::new();
+    let common = ["render", SCENE, "--size", "40x40", "--quiet", "--aov", "variance"];
+    let render = |more: &[&str]| folder.succeed(&[&common, more].concat());
+    render(&["--spp", "12", "-o", "whole.exr"]);
+    render(&["--passes", "0..5", "--save-state", "a.state", "-o", "a.exr"]);
+    render(&["--passes", "5..12", "--save-state", "b.state", "-o", "b.exr"]);
+    render(&["--spp", "12", "--resume", "a.state", "-o", "resumed.exr"]);
+    folder.succeed(&["merge", "b.state", "a.state", "-o", "merged.exr"]);
+    let whole = channels(&folder.path("whole.exr"));
+    assert!(whole == channels(&folder.path("resumed.exr")), "the resumed image differs");
+    assert!(whole == channels(&folder.path("merged.exr")), "the merged image differs");
+    assert!(whole != channels(&folder.path("a.exr")), "the parts are no parts");
+
+    let shared = folder.fail(&["merge", "a.state", "a.state", "-o", "twice.exr"], 1);
+    assert!(shared.contains("pass"), "{shared}");
+    let other = folder.fail(&[&common[..], &["--seed", "1", "--resume", "a.state"]].concat(), 1);
+    assert!(other.contains("seed"), "{other}");
+}
+
+#[test]
+fn a_crop_is_a_part_of_the_image() {
+    let folder = Folder::new();
+    let common = ["render", SCENE, "--size", "40x30", "--spp", "3", "--quiet"];
+    folder.succeed(&[&common[..], &["-o", "full.exr"]].concat());
+    folder.succeed(&[&common[..], &["--crop", "7,5,16x12", "-o", "crop.exr"]].concat());
+    let (full, crop) = (channels(&folder.path("full.exr")), channels(&folder.path("crop.exr")));
+    for ((name, full), (_, crop)) in full.iter().zip(&crop) {
+        for (i, bits) in crop.iter().enumerate() {
+            let at = (5 + i / 16) * 40 + 7 + i % 16;
+            assert_eq!(full[at], *bits, "channel {name}, pixel {i}");
+        }
+    }
+}
+
+#[test]
+fn statistics_are_json_on_standard_output() {
+    let folder = Folder::new();
+    let output = folder.run(&["render", SCENE, "--size", "16x16", "--spp", "2", "--json", "--quiet"]);
+    assert!(output.status.success() && output.stderr.is_empty());
+    let json: serde_json::Value = serde_json::from_slice(&output.stdout).expect("JSON");
+    assert_eq!(json["passes"], 2);
+    assert_eq!(json["size"], serde_json::json!([16, 16]));
+    assert_eq!(json["dropped"]["samples"], 0);
+    assert!(json["rays"].as_u64().is_some_and(|rays| rays >= 2 * 16 * 16));
+    assert!(folder.path("cornell-box.exr").exists() && folder.path("cornell-box.png").exists());
+}
+
+#[test]
+fn time_stops_a_render_between_passes() {
+    let folder = Folder::new();
+    let output = folder.run(&["render", SCENE, "--size", "16x16", "--time", "50ms", "--json", "--quiet"]);
+    let json: serde_json::Value = serde_json::from_slice(&output.stdout).expect("JSON");
+    assert!(json["passes"].as_u64().is_some_and(|passes| passes >= 1));
+}
+
+#[test]
+fn a_pixel_is_explained_vertex_by_vertex() {
+    let folder = Folder::new();
+    let output = folder.run(&["render", SCENE, "--debug-pixel", "256,40", "--passes", "0..2"]);
+    let text = String::from_utf8_lossy(&output.stdout);
+    for part in ["pixel 256,40 pass 0", "pass 1", "hits `", "ng (", "beta (", "samples a light"] {
+        assert!(text.contains(part), "no {part:?} in {text}");
+    }
+    assert!(!folder.path("cornell-box.exr").exists(), "it also rendered");
+    assert!(folder.fail(&["render", SCENE, "--debug-pixel", "512,0"], 1).contains("not on the film"));
+}
+
+/// What is wrong is named, with the choices, and nothing is written.
+#[test]
+fn errors_name_the_choices() {
+    let folder = Folder::new();
+    fs::write(folder.path("broken.xml"), "<scene version='3.0.0'>\n <shape type='spere'/></scene>").expect("written");
+    let cases: &[(&[&str], i32, &[&str])] = &[
+        (&["render", "missing.xml"], 1, &["missing.xml"]),
+        (&["render", "broken.xml"], 1, &["broken.xml:2:", "spere", "sphere"]),
+        (&["render", "image.png"], 1, &["xml", "obj", "ply"]),
+        (&["render", SCENE, "--integrator", "pathh"], 1, &["pathh", "backward"]),
+        (&["render", SCENE, "--integrator", "path:depth=3"], 1, &["depth", "max_depth", "rr_depth"]),
+        (&["render", SCENE, "--integrator", "path:max_depth=x"], 1, &["max_depth", "`x`", "integer"]),
+        (&["render", SCENE, "--backend", "optix"], 1, &["optix", "obvhs"]),
+        (&["render", SCENE, "--backend", "obvhs:robust=true"], 1, &["robust=true", "quality"]),
+        (&["render", SCENE, "-o", "image.jpg"], 1, &[".exr", ".png"]),
+        (&["render", SCENE, "-o", "no/such/folder/image.exr", "--spp", "1", "--size", "8x8"], 1, &["no/such/folder"]),
+        (&["render", SCENE, "--crop", "500,0,64x64"], 1, &["512x512"]),
+        (&["render", SCENE, "--size", "12"], 2, &["WIDTHxHEIGHT"]),
+        (&["render", SCENE, "--time", "5"], 2, &["ms, s, m, h"]),
+        (&["render", SCENE, "--aov", "colour"], 2, &["albedo"]),
+        (&["merge", "nothing.state", "-o", "x.exr"], 1, &["nothing.state"]),
+    ];
+    for (arguments, code, parts) in cases {
+        let text = folder.fail(arguments, *code);
+        for part in *parts {
+            assert!(text.contains(part), "{arguments:?} does not name {part:?}: {text}");
+        }
+    }
+    let left: Vec<_> = fs::read_dir(folder.0.path()).expect("the folder").filter_map(Result::ok).map(|e| e.file_name()).collect();
+    assert_eq!(left, ["broken.xml"]);
+}
+
+/// The first Ctrl-C finishes the pass, saves, and says how to go on; going on gives the image of an undisturbed render.
+#[cfg(unix)]
+#[test]
+fn ctrl_c_saves_and_the_render_can_be_resumed() {
+    let folder = Folder::new();
+    let mut child = Command::new(env!("CARGO_BIN_EXE_helmholtz"))
+        .current_dir(folder.0.path())
+        .args(["render", SCENE, "--size", "64x64", "--spp", "1000000", "-o", "long.exr"])
+        .stderr(std::process::Stdio::piped())
+        .spawn()
+        .expect("the program runs");
+    std::thread::sleep(std::time::Duration::from_millis(700));
+    let killed = Command::new("kill").args(["-INT", &child.id().to_string()]).status().expect("kill");
+    assert!(killed.success());
+    let output = child.wait().map(|status| status.code()).expect("it ends");
+    assert_eq!(output, Some(130));
+    let mut text = String::new();
+    std::io::Read::read_to_string(&mut child.stderr.take().expect("standard error"), &mut text).expect("text");
+    assert!(text.contains("--resume long.state"), "{text}");
+    assert!(folder.path("long.exr").exists());
+
+    let saved = helmholtz::film::state::load_state(&folder.path("long.state")).expect("a state").1.passes().len();
+    let more = (saved + 3).to_string();
+    folder.succeed(&["render", SCENE, "--size", "64x64", "--spp", &more, "--resume", "long.state", "-o", "resumed.exr", "--quiet"]);
+    folder.succeed(&["render", SCENE, "--size", "64x64", "--spp", &more, "-o", "whole.exr", "--quiet"]);
+    assert!(channels(&folder.path("resumed.exr")) == channels(&folder.path("whole.exr")), "the resumed image differs");
+}
+
+/// A bare mesh is rendered under a neutral sky by a camera that sees it, and it is said so.
+#[test]
+fn a_bare_mesh_can_be_rendered() {
+    let folder = Folder::new();
+    fs::write(folder.path("tetra.obj"), "v 0 0 0\nv 1 0 0\nv 0 1 0\nv 0 0 1\nf 1 3 2\nf 1 2 4\nf 1 4 3\nf 2 3 4\n").expect("written");
+    let text = folder.succeed(&["render", "tetra.obj", "--size", "32x32", "--spp", "4"]);
+    assert!(text.contains("sky") && text.contains("camera"), "{text}");
+    let image = channels(&folder.path("tetra.exr"));
+    let green: Vec<f32> = image.iter().find(|(name, _)| name == "G").expect("green").1.iter().map(|&b| f32::from_bits(b)).collect();
+    // White sky around, a grey body in the middle.
+    assert_eq!(green[0], 1.0);
+    assert!(green[16 * 32 + 16] < 0.9);
+}
