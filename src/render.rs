@@ -153,7 +153,7 @@ impl PathObserver for FirstHit<'_> {
                 position: vertex.point.p,
                 ng: vertex.point.ng,
                 ns: vertex.point.ns,
-                albedo: vertex.bsdf.albedo(vertex.frame.to_local(vertex.wo)),
+                albedo: vertex.albedo(),
                 uv: vertex.point.uv,
             },
             None => AovRecord::MISS,

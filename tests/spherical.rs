@@ -6,11 +6,16 @@
 
 use glam::{DVec3, Vec2, Vec3, dvec3, vec2, vec3};
 use helmholtz::sampling::sampler::mix;
-use helmholtz::sampling::spherical::{SphereCone, SphericalRectangle, SphericalTriangle};
+use helmholtz::sampling::spherical::{PlacedRectangle, SphereCone, SphericalRectangle, SphericalTriangle};
 use std::f64::consts::{PI, TAU};
 
 /// Largest f32 below 1.
 const ONE_MINUS_EPSILON: f32 = 1.0 - f32::EPSILON / 2.0;
+
+/// The rectangle `corner + s ex + t ey` seen from `p`.
+fn seen_rectangle(corner: Vec3, ex: Vec3, ey: Vec3, p: Vec3) -> Option<SphericalRectangle> {
+    SphericalRectangle::new(&PlacedRectangle::new(corner, ex, ey), p)
+}
 
 const SAMPLES: u64 = 40_000;
 
@@ -103,7 +108,7 @@ struct Rectangle {
 
 impl Rectangle {
     fn seen(&self) -> SphericalRectangle {
-        SphericalRectangle::new(self.corner, self.ex, self.ey, self.p)
+        seen_rectangle(self.corner, self.ex, self.ey, self.p)
             .unwrap_or_else(|| panic!("{}: refused", self.name))
     }
 
@@ -167,7 +172,7 @@ fn rectangles() -> Vec<Rectangle> {
 #[test]
 fn rectangle_solid_angle_is_the_closed_form() {
     let cube_face =
-        SphericalRectangle::new(vec3(-1.0, -1.0, 1.0), 2.0 * Vec3::X, 2.0 * Vec3::Y, Vec3::ZERO).unwrap();
+        seen_rectangle(vec3(-1.0, -1.0, 1.0), 2.0 * Vec3::X, 2.0 * Vec3::Y, Vec3::ZERO).unwrap();
     assert_close(cube_face.solid_angle(), 4.0 * PI / 6.0, 1e-6, "cube face from the centre");
     for r in rectangles() {
         // The reference itself cancels: four terms of order 1.
@@ -182,7 +187,7 @@ fn rectangle_solid_angle_has_no_cancellation_when_small() {
         // To first order the solid angle is A cos / d^2; the next term is (size / d)^2 of it.
         let p = distance * vec3(0.6, 0.0, 0.8);
         let size = 2e-4 * distance;
-        let r = SphericalRectangle::new(Vec3::ZERO, size * Vec3::X, size * Vec3::Y, p).unwrap();
+        let r = seen_rectangle(Vec3::ZERO, size * Vec3::X, size * Vec3::Y, p).unwrap();
         let to_middle = p.as_dvec3() - f64::from(size) * dvec3(0.5, 0.5, 0.0);
         let expected = f64::from(size).powi(2) * to_middle.z / to_middle.length().powi(3);
         assert_close(r.solid_angle(), expected, 2e-7, "small rectangle");
@@ -301,7 +306,7 @@ fn rectangle_estimates_its_form_factor() {
 fn degenerate_rectangles_are_left_to_area_sampling() {
     let (x, y) = (Vec3::X, Vec3::Y);
     let refused = |what: &str, corner, ex, ey, p| {
-        assert!(SphericalRectangle::new(corner, ex, ey, p).is_none(), "{what}");
+        assert!(seen_rectangle(corner, ex, ey, p).is_none(), "{what}");
     };
     refused("in its plane", Vec3::ZERO, x, y, vec3(3.0, 4.0, 0.0));
     refused("on it", Vec3::ZERO, x, y, vec3(0.5, 0.5, 0.0));
@@ -631,7 +636,7 @@ fn nothing_is_ever_nan() {
         let u = uniform(i);
         // Perpendicular edges of any ratio, in an axis-aligned plane.
         let (ex, ey) = (vec3(b.x, 0.0, 0.0), vec3(0.0, c.y, 0.0));
-        if let Some(r) = SphericalRectangle::new(a, ex, ey, p) {
+        if let Some(r) = seen_rectangle(a, ex, ey, p) {
             let st = r.sample(u);
             assert!(
                 r.solid_angle() > 0.0 && r.solid_angle() < TAU as f32 + 1e-6,

@@ -5,6 +5,8 @@
 //! It cannot find light that reaches a diffuse surface through a delta lobe from a point light, and
 //! finds caustics from small lights only by luck.
 
+use glam::Vec3;
+
 use super::{IntegratorError, PathObserver, Technique};
 use crate::query::{Ray, RayQuery};
 use crate::sampling::Sampler;
@@ -99,7 +101,7 @@ impl Backward {
         let mut radiance = Rgb::ZERO;
         let mut rays = 0;
         let mut walk = Walk::new(TransportMode::Radiance, camera_ray, Rgb::ONE);
-        let mut previous: Option<SurfaceVertex> = None;
+        let mut previous = None;
         for depth in 1..=max_depth {
             rays += 1;
             let Some(vertex) = self.next_vertex(world, query, &mut walk, depth, observer) else {
@@ -108,7 +110,7 @@ impl Backward {
                 }
                 break;
             };
-            radiance += hit_light(world, &walk, previous.as_ref(), &vertex, observer);
+            radiance += hit_light(world, &walk, previous, &vertex, observer);
             if depth == max_depth {
                 break;
             }
@@ -123,7 +125,7 @@ impl Backward {
             if !walk.scatter(&vertex, [lobe, u, v]) || (depth >= self.rr_depth && !walk.survives(roulette)) {
                 break;
             }
-            previous = Some(vertex);
+            previous = Some(vertex.point.p);
         }
         (radiance, rays)
     }
@@ -151,9 +153,13 @@ impl Backward {
                 _ => break hit,
             }
         };
-        let vertex = hit.map(|hit| (SurfaceVertex::new(world.scene, &hit, &walk.ray), hit.t));
-        observer.segment(depth, &walk.ray, vertex.as_ref().map(|(v, t)| (v, *t)), walk.beta);
-        vertex.map(|(v, _)| v)
+        let Some(hit) = hit else {
+            observer.segment(depth, &walk.ray, None, walk.beta);
+            return None;
+        };
+        let vertex = SurfaceVertex::new(world.scene, &hit, &walk.ray);
+        observer.segment(depth, &walk.ray, Some((&vertex, hit.t)), walk.beta);
+        Some(vertex)
     }
 }
 
@@ -168,12 +174,12 @@ fn hit_environment<O: PathObserver>(world: &World, walk: &Walk, observer: &mut O
     value
 }
 
-/// Light that the vertex itself emits towards the vertex before.
+/// Light that the vertex itself emits towards the vertex before, which is at `previous` unless that is the camera.
 #[inline]
 fn hit_light<O: PathObserver>(
     world: &World,
     walk: &Walk,
-    previous: Option<&SurfaceVertex>,
+    previous: Option<Vec3>,
     vertex: &SurfaceVertex,
     observer: &mut O,
 ) -> Rgb {
@@ -184,7 +190,7 @@ fn hit_light<O: PathObserver>(
     }
     let weight = match previous {
         Some(from) if !walk.is_delta => {
-            power_heuristic(walk.pdf_w, world.lights.pdf_li(light, from.point.p, &vertex.point, walk.ray.d))
+            power_heuristic(walk.pdf_w, world.lights.pdf_li(light, from, &vertex.point, walk.ray.d))
         }
         _ => 1.0,
     };

@@ -13,7 +13,7 @@ pub mod triangle;
 
 pub use backend::{Backend, BackendError};
 
-use glam::{DVec3, Vec3};
+use glam::Vec3;
 
 use crate::scene::{Aabb, Shape, SurfacePoint};
 
@@ -47,28 +47,27 @@ impl Ray {
     /// `None` if the two coincide to within their error bounds.
     #[inline]
     pub fn spawn_between(from: &SurfacePoint, to: &SurfacePoint) -> Option<Self> {
-        let line = to.p.as_dvec3() - from.p.as_dvec3();
-        Self::segment(from.offset_towards(line.as_vec3()), to.offset_towards(-line.as_vec3()), line)
+        let line = to.p - from.p;
+        Self::segment(from.offset_towards(line), to.offset_towards(-line), line)
     }
 
     /// The ray from a surface point towards the point `to`, which is on no surface, that ends just short of it.
     /// `None` if the two coincide to within the error bound of `from`.
     #[inline]
     pub fn spawn_to_point(from: &SurfacePoint, to: Vec3) -> Option<Self> {
-        let line = to.as_dvec3() - from.p.as_dvec3();
-        Self::segment(from.offset_towards(line.as_vec3()), to, line)
+        let line = to - from.p;
+        Self::segment(from.offset_towards(line), to, line)
     }
 
     /// The ray from `o` to just before `end`, if that still runs in the sense of `line`.
     #[inline]
-    fn segment(o: Vec3, end: Vec3, line: DVec3) -> Option<Self> {
-        // In f64 neither the difference of two close points nor the square of a tiny distance is lost.
-        let span = end.as_dvec3() - o.as_dvec3();
+    fn segment(o: Vec3, end: Vec3, line: Vec3) -> Option<Self> {
+        let span = end - o;
         let length = span.length();
-        let d = (span / length).as_vec3();
-        // Rounding of d and of the length moves the end by less than this.
-        let t_max = length as f32 * (1.0 - 4.0 * f32::EPSILON);
-        (span.dot(line) > 0.0 && t_max > 0.0).then_some(Self { o, d, t_min: 0.0, t_max })
+        // Rounding of the direction and of the length moves the end by less than this.
+        let t_max = length * (1.0 - 4.0 * f32::EPSILON);
+        // Distances below 1e-19, whose squares vanish, are none.
+        (span.dot(line) > 0.0 && t_max > 0.0).then(|| Self { o, d: span / length, t_min: 0.0, t_max })
     }
 }
 

@@ -4,10 +4,14 @@
 //! over the passes are an Owen-scrambled Sobol' sequence (Burley 2020, "Practical hash-based Owen scrambling"),
 //! four dimensions at a time; streams are scrambled independently of each other.
 //!
+//! The crate's own `sample_4d` also shuffles the indices, which serves to use few dimensions many times over; here each dimension
+//! is used once, so that is left out: points in their own order cost half as much, since all pixels of a pass take the same one.
+//!
 //! The sequence of the `sobol_burley` crate has 2^16 points in 256 dimensions. A stream's samples beyond 2^16
 //! continue with another scrambling of the same sequence; dimensions beyond 256 are independent hashes.
 
 use sobol_burley::NUM_DIMENSION_SETS_4D;
+use sobol_burley::parts::{Int4, hash_int4, owen_scramble_int4_rev, sobol_int4_rev};
 
 const SEQUENCE_LENGTH_LOG2: u32 = 16;
 
@@ -40,7 +44,12 @@ impl Sampler {
     #[inline]
     pub fn block(&self, set: u32) -> [f32; 4] {
         if set < NUM_DIMENSION_SETS_4D {
-            return sobol_burley::sample_4d(self.index, set, (self.key >> 32) as u32);
+            let sobol = sobol_int4_rev(self.index.reverse_bits(), set);
+            let [low, high] = [self.key as u32, (self.key >> 32) as u32];
+            // A scramble for each dimension: of the four, by four constants (the fractional parts of the first square roots).
+            let scramble = Int4::from([low ^ 0x6a09_e667, low ^ 0xbb67_ae85, low ^ 0x3c6e_f372, low ^ 0xa54f_f53a])
+                ^ Int4::from([high.wrapping_add(set.wrapping_mul(0x9e37_79b9)); 4]);
+            return owen_scramble_int4_rev(sobol, hash_int4(scramble)).reverse_bits().to_f32_norm();
         }
         let x = mix(self.key ^ (u64::from(self.index) << 32 | u64::from(set)));
         let y = mix(x ^ self.key.rotate_left(17));

@@ -29,6 +29,27 @@ const MIN_RELATIVE_DISTANCE: f64 = 1.0 / 65536.0;
 /// needs, is still within f32.
 const MIN_SOLID_ANGLE: f32 = 1e-15;
 
+/// A rectangle in the world: what [`SphericalRectangle`] needs of it that does not depend on the point it is seen from.
+#[derive(Debug, Clone, Copy)]
+pub struct PlacedRectangle {
+    corner: DVec3,
+    /// Unit vectors along the edges, and their cross product.
+    axes: [DVec3; 3],
+    /// Lengths of the edges.
+    size: [f64; 2],
+}
+
+impl PlacedRectangle {
+    /// The rectangle of the points `corner + s ex + t ey`, 0 <= s, t <= 1. The edges `ex` and `ey` must be
+    /// perpendicular to within rounding.
+    pub fn new(corner: Vec3, ex: Vec3, ey: Vec3) -> Self {
+        let (ex, ey) = (ex.as_dvec3(), ey.as_dvec3());
+        let size = [ex.length(), ey.length()];
+        let (axis_x, axis_y) = (ex / size[0], ey / size[1]);
+        Self { corner: corner.as_dvec3(), axes: [axis_x, axis_y, axis_x.cross(axis_y)], size }
+    }
+}
+
 /// A rectangle seen from a point, as a part of the sphere of directions
 /// (Ureña, Fajardo, King 2013, "An area-preserving parametrization for spherical rectangles").
 ///
@@ -53,17 +74,14 @@ impl SphericalRectangle {
     /// width, times 4 for the operations involved; it stays below the 2^-24 of an f32 result.
     const MIN_SOLID_ANGLE: f64 = 4.0 / (1 << 29) as f64;
 
-    /// The rectangle of the points `corner + s ex + t ey`, 0 <= s, t <= 1, seen from `p`. The edges `ex` and `ey` must be
-    /// perpendicular to within rounding. `None` where it has to be sampled by area.
+    /// The rectangle seen from `p`. `None` where it has to be sampled by area.
     #[inline]
-    pub fn new(corner: Vec3, ex: Vec3, ey: Vec3, p: Vec3) -> Option<Self> {
-        let (ex, ey) = (ex.as_dvec3(), ey.as_dvec3());
-        let (width, height) = (ex.length(), ey.length());
-        let (axis_x, axis_y) = (ex / width, ey / height);
-        let to_corner = corner.as_dvec3() - p.as_dvec3();
+    pub fn new(rectangle: &PlacedRectangle, p: Vec3) -> Option<Self> {
+        let PlacedRectangle { corner, axes: [axis_x, axis_y, normal], size: [width, height] } = *rectangle;
+        let to_corner = corner - p.as_dvec3();
         let x0 = to_corner.dot(axis_x);
         let y0 = to_corner.dot(axis_y);
-        let z = to_corner.dot(axis_x.cross(axis_y)).abs();
+        let z = to_corner.dot(normal).abs();
         let (x, y) = ([x0, x0 + width], [y0, y0 + height]);
 
         let outside = |[low, high]: [f64; 2]| low.max(-high).max(0.0);

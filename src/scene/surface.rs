@@ -8,7 +8,7 @@ use super::{AnalyticKind, AnalyticShape, Geometry, Shape, TriangleMesh};
 /// A point on a shape, with what scattering and spawning rays need.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct SurfacePoint {
-    /// World position, rounded from f64.
+    /// World position.
     pub p: Vec3,
     /// How far along the normal a ray must start so that no backend's rounding makes it hit this primitive again.
     pub p_err: f32,
@@ -24,9 +24,10 @@ pub struct SurfacePoint {
     pub primitive: u32,
 }
 
-/// Error of a backend's plane test relative to the size of the numbers in it: differences of coordinates,
-/// a cross and a dot product, each rounded (Higham's gamma of 8 operations, times 2 for both ends of the segment).
-const PLANE_TEST_ERROR: f32 = 16.0 * (f32::EPSILON / 2.0);
+/// Error of a point and of a backend's plane test at it, relative to the size of the numbers in them. The point: 5 operations,
+/// and one more when it is moved by the error. The test: differences of coordinates, a cross and a dot product (Higham's gamma of 8
+/// operations, times 2 for both ends of a segment).
+const PLANE_TEST_ERROR: f32 = 22.0 * (f32::EPSILON / 2.0);
 
 /// What a sphere needs besides the rounding of `p`, relative to its radius. Rounding of normal and direction lets a ray
 /// dip below the tangent plane by an angle of up to 2^-21; the sphere falls away beneath it if the ray starts half the square
@@ -39,18 +40,17 @@ impl SurfacePoint {
     pub fn on_triangle(mesh: &TriangleMesh, shape: u32, triangle: u32, u: f32, v: f32) -> Self {
         let indices = mesh.triangles()[triangle as usize].map(|i| i as usize);
         let [a, b, c] = indices.map(|i| mesh.positions()[i]);
-        // In f64 the point is exact to the final rounding; u and v only move it within the plane.
-        let (u64, v64) = (f64::from(u), f64::from(v));
-        let (e1, e2) = (b.as_dvec3() - a.as_dvec3(), c.as_dvec3() - a.as_dvec3());
-        let p = (a.as_dvec3() + e1 * u64 + e2 * v64).as_vec3();
-        let ng = e1.cross(e2).as_vec3();
-        // Edges of 1e-20 square to f32 zero; normalise in f64 before rounding.
-        let mut ng = if ng.length_squared() > f32::MIN_POSITIVE {
-            ng.normalize()
-        } else {
-            e1.cross(e2).normalize_or_zero().as_vec3()
-        };
         let w = 1.0 - u - v;
+        let p = a * w + b * u + c * v;
+        let (e1, e2) = (b - a, c - a);
+        let n = e1.cross(e2);
+        // Of edges below 1e-19 and above 1e19 the squares leave the range of f32.
+        let length2 = n.length_squared();
+        let mut ng = if length2 > f32::MIN_POSITIVE && length2 < f32::MAX {
+            n / length2.sqrt()
+        } else {
+            e1.as_dvec3().cross(e2.as_dvec3()).normalize_or_zero().as_vec3()
+        };
         let mut ns = ng;
         if !mesh.normals().is_empty() {
             let [na, nb, nc] = indices.map(|i| mesh.normals()[i]);
@@ -112,20 +112,7 @@ impl SurfacePoint {
     /// The point moved off the surface by its error bound, to the side that `d` points to.
     #[inline]
     pub fn offset_towards(&self, d: Vec3) -> Vec3 {
-        let side = if d.dot(self.ng) < 0.0 { -self.ng } else { self.ng };
-        let offset = side * self.p_err;
-        let away = |p: f32, offset: f32| {
-            let sum = p + offset;
-            // The sum may round back towards the surface; one step more undoes that.
-            if offset > 0.0 {
-                sum.next_up()
-            } else if offset < 0.0 {
-                sum.next_down()
-            } else {
-                sum
-            }
-        };
-        Vec3::new(away(self.p.x, offset.x), away(self.p.y, offset.y), away(self.p.z, offset.z))
+        self.p + self.ng * self.p_err.copysign(d.dot(self.ng))
     }
 
     /// Direction in which the first texture coordinate grows, which orients anisotropic materials; not normalised.

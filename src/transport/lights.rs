@@ -13,7 +13,7 @@ use super::BoundingSphere;
 use super::bsdf::Frame;
 use crate::query::Ray;
 use crate::sampling::discrete::AliasTable;
-use crate::sampling::spherical::{SphereCone, SphericalRectangle, SphericalTriangle};
+use crate::sampling::spherical::{PlacedRectangle, SphereCone, SphericalRectangle, SphericalTriangle};
 use crate::sampling::warp::{
     UNIFORM_SPHERE_PDF, cosine_hemisphere_pdf, square_to_cosine_hemisphere, square_to_disc, square_to_sphere,
     square_to_triangle,
@@ -47,16 +47,24 @@ enum Light {
     Environment,
 }
 
+/// A flat light farther away than this many times its diameter is sampled by area: the density per solid angle then varies by
+/// so little over it that the noise of the estimate does not change, and a sample costs a third.
+/// Figures are in `vendor-notes/measurements.md`.
+const FAR: f32 = 2.0;
+
 /// Two triangles of a mesh that together are a rectangle.
 #[derive(Debug, Clone, Copy)]
 struct Rectangle {
-    shape: u32,
-    triangles: [u32; 2],
-    corner: Vec3,
+    placed: PlacedRectangle,
     ex: Vec3,
     ey: Vec3,
-    /// For each triangle, which of its corners have no part in the diagonal, lie at the end of `ex`, and of `ey`.
-    slots: [[usize; 3]; 2],
+    /// The surface points of `corner` and of the corner opposite, one on each triangle.
+    corners: [SurfacePoint; 2],
+    center: Vec3,
+    /// Squared distance from `center` beyond which it is sampled by area.
+    far_squared: f32,
+    /// For each triangle, how texture coordinates change along `ex` and `ey`.
+    uv_edges: [[Vec2; 2]; 2],
 }
 
 /// A direction towards a light, drawn for a point.
@@ -101,6 +109,8 @@ pub struct LeSample {
 pub struct Lights<'s> {
     shapes: &'s [Shape],
     lights: Vec<Light>,
+    /// One over the area of each light, 0 for those that have none.
+    inverse_areas: Vec<f32>,
     rectangles: Vec<Rectangle>,
     /// `None` when nothing emits.
     table: Option<AliasTable>,
@@ -118,6 +128,7 @@ impl<'s> Lights<'s> {
         let mut this = Self {
             shapes: &scene.shapes,
             lights: Vec::new(),
+            inverse_areas: Vec::new(),
             rectangles: Vec::new(),
             table: None,
             first_primitive: vec![NONE; scene.shapes.len()],
@@ -135,6 +146,8 @@ impl<'s> Lights<'s> {
         this.add_emitters(&scene.emitters);
         let powers: Vec<f64> = this.lights.iter().map(|&l| this.power(l)).collect();
         this.table = AliasTable::new(&powers);
+        let inverse_area = |area: f64| if area > 0.0 { (1.0 / area) as f32 } else { 0.0 };
+        this.inverse_areas = this.lights.iter().map(|&l| inverse_area(this.area(l))).collect();
         this.radiance_unit = this.characteristic_radiance();
         this
     }
@@ -200,7 +213,7 @@ impl<'s> Lights<'s> {
     fn emission(&self, light: Light) -> Rgb {
         match light {
             Light::Triangle { shape, .. } | Light::Analytic { shape } => self.shape_emission(shape),
-            Light::Rectangle(r) => self.shape_emission(self.rectangles[r as usize].shape),
+            Light::Rectangle(r) => self.shape_emission(self.rectangles[r as usize].corners[0].shape),
             Light::Point { intensity, .. } => intensity,
             Light::Environment => self.environment.map_or(Rgb::ZERO, |(_, radiance)| radiance),
         }
@@ -326,7 +339,7 @@ impl<'s> Lights<'s> {
                 Some(LiSample { light: id, wi, radiance, pdf_w, is_delta: false, shadow_ray })
             }
             Light::Triangle { .. } | Light::Rectangle(_) | Light::Analytic { .. } => {
-                let (point, pdf) = self.sample_area_light(light, from.p, uv)?;
+                let (point, pdf) = self.sample_area_light(id, light, from.p, uv)?;
                 let shadow_ray = Ray::spawn_between(from, &point)?;
                 let wi = shadow_ray.d;
                 let radiance = self.le(&point, -wi);
@@ -343,30 +356,30 @@ impl<'s> Lights<'s> {
         }
     }
 
-    fn sample_area_light(&self, light: Light, from: Vec3, u: Vec2) -> Option<(SurfacePoint, AreaPdf)> {
-        let by_area = |light| AreaPdf::Area((1.0 / self.area(light)) as f32);
+    #[inline]
+    fn sample_area_light(&self, id: LightId, light: Light, from: Vec3, u: Vec2) -> Option<(SurfacePoint, AreaPdf)> {
+        let by_area = AreaPdf::Area(self.inverse_areas[id.0 as usize]);
         match light {
             Light::Triangle { shape, triangle } => {
                 let mesh = self.mesh(shape)?;
-                let (b, pdf) = match SphericalTriangle::new(mesh.corners(triangle), from) {
+                let (b, pdf) = match triangle_seen_from(mesh.corners(triangle), from) {
                     Some(spherical) => {
                         (spherical.sample(u), AreaPdf::SolidAngle(1.0 / spherical.solid_angle()))
                     }
-                    None => (square_to_triangle(u), by_area(light)),
+                    None => (square_to_triangle(u), by_area),
                 };
                 Some((SurfacePoint::on_triangle(mesh, shape, triangle, b.x, b.y), pdf))
             }
             Light::Rectangle(r) => {
                 let rectangle = &self.rectangles[r as usize];
-                let mesh = self.mesh(rectangle.shape)?;
                 let (st, pdf) =
-                    match SphericalRectangle::new(rectangle.corner, rectangle.ex, rectangle.ey, from) {
+                    match rectangle.seen_from(from) {
                         Some(spherical) => {
                             (spherical.sample(u), AreaPdf::SolidAngle(1.0 / spherical.solid_angle()))
                         }
-                        None => (u, by_area(light)),
+                        None => (u, by_area),
                     };
-                Some((rectangle.point(mesh, st), pdf))
+                Some((rectangle.point(st), pdf))
             }
             Light::Analytic { shape } => {
                 let analytic = self.analytic(shape)?;
@@ -375,7 +388,7 @@ impl<'s> Lights<'s> {
                     let point = SurfacePoint::on_analytic(analytic, shape, near);
                     return Some((point, AreaPdf::SolidAngle(1.0 / cone.solid_angle())));
                 }
-                Some((point_on_analytic(analytic, shape, u), by_area(light)))
+                Some((point_on_analytic(analytic, shape, u), by_area))
             }
             Light::Point { .. } | Light::Environment => None,
         }
@@ -386,15 +399,15 @@ impl<'s> Lights<'s> {
     #[inline]
     pub fn pdf_li(&self, light: LightId, from: Vec3, on: &SurfacePoint, wi: Vec3) -> f32 {
         let choice = self.choice_pdf(light);
-        let light = self.lights[light.0 as usize];
-        let solid_angle = match light {
+        let inverse_area = self.inverse_areas[light.0 as usize];
+        let solid_angle = match self.lights[light.0 as usize] {
             Light::Triangle { shape, triangle } => self
                 .mesh(shape)
-                .and_then(|mesh| SphericalTriangle::new(mesh.corners(triangle), from))
+                .and_then(|mesh| triangle_seen_from(mesh.corners(triangle), from))
                 .map(|spherical| spherical.solid_angle()),
             Light::Rectangle(r) => {
                 let r = &self.rectangles[r as usize];
-                SphericalRectangle::new(r.corner, r.ex, r.ey, from).map(|spherical| spherical.solid_angle())
+                r.seen_from(from).map(|spherical| spherical.solid_angle())
             }
             Light::Analytic { shape } => {
                 self.analytic(shape).and_then(|a| sphere_cone(a, from)).map(|cone| cone.solid_angle())
@@ -403,7 +416,7 @@ impl<'s> Lights<'s> {
         };
         let pdf = match solid_angle {
             Some(solid_angle) => AreaPdf::SolidAngle(1.0 / solid_angle),
-            None => AreaPdf::Area((1.0 / self.area(light)) as f32),
+            None => AreaPdf::Area(inverse_area),
         };
         choice * pdf.per_solid_angle(from, on, wi)
     }
@@ -452,7 +465,7 @@ impl<'s> Lights<'s> {
                     point: Some(point),
                     radiance: self.emission(light),
                     cos: local.z,
-                    pdf_position: choice * (1.0 / self.area(light)) as f32,
+                    pdf_position: choice * self.inverse_areas[id.0 as usize],
                     pdf_direction_w: cosine_hemisphere_pdf(local.z),
                 })
             }
@@ -467,7 +480,7 @@ impl<'s> Lights<'s> {
             }
             Light::Rectangle(r) => {
                 let rectangle = &self.rectangles[r as usize];
-                Some(rectangle.point(self.mesh(rectangle.shape)?, u))
+                Some(rectangle.point(u))
             }
             Light::Analytic { shape } => Some(point_on_analytic(self.analytic(shape)?, shape, u)),
             Light::Point { .. } | Light::Environment => None,
@@ -483,11 +496,11 @@ impl<'s> Lights<'s> {
     #[inline]
     pub fn pdf_le(&self, light: LightId, ng: Option<Vec3>, d: Vec3) -> (f32, f32) {
         let choice = self.choice_pdf(light);
-        let light = self.lights[light.0 as usize];
-        match (light, ng) {
+        let inverse_area = self.inverse_areas[light.0 as usize];
+        match (self.lights[light.0 as usize], ng) {
             (Light::Point { .. }, _) => (choice, UNIFORM_SPHERE_PDF),
             (Light::Environment, _) => (choice * self.distant_position_pdf(), UNIFORM_SPHERE_PDF),
-            (_, Some(ng)) => (choice * (1.0 / self.area(light)) as f32, cosine_hemisphere_pdf(ng.dot(d))),
+            (_, Some(ng)) => (choice * inverse_area, cosine_hemisphere_pdf(ng.dot(d))),
             (_, None) => (0.0, 0.0),
         }
     }
@@ -512,6 +525,15 @@ impl AreaPdf {
             }
         }
     }
+}
+
+/// The triangle as a part of the sphere of directions; `None` where it is to be sampled by area.
+#[inline]
+fn triangle_seen_from(corners: [Vec3; 3], p: Vec3) -> Option<SphericalTriangle> {
+    let [a, b, c] = corners;
+    let diameter_squared = a.distance_squared(b).max(b.distance_squared(c)).max(c.distance_squared(a));
+    let is_near = a.distance_squared(p) < FAR * FAR * diameter_squared;
+    is_near.then(|| SphericalTriangle::new(corners, p)).flatten()
 }
 
 /// The directions to a sphere.
@@ -557,36 +579,44 @@ impl Rectangle {
         // In the second triangle the diagonal is passed the other way round.
         let same_side = (slots_b[0] + 1) % 3 == slots_b[2];
         let proper = ex.length_squared() > 0.0 && ey.length_squared() > 0.0;
-        (perpendicular && closes && same_side && proper).then_some(Self {
-            shape,
-            triangles: [triangle, triangle + 1],
-            corner,
+        if !(perpendicular && closes && same_side && proper) {
+            return None;
+        }
+        let at_corner = |triangle, slot| {
+            let (u, v) = [(0.0, 0.0), (1.0, 0.0), (0.0, 1.0)][slot];
+            SurfacePoint::on_triangle(mesh, shape, triangle, u, v)
+        };
+        let corners = [at_corner(triangle, apex), at_corner(triangle + 1, opposite)];
+        let uv_edges = [
+            [at_ex, at_ey].map(|slot| at_corner(triangle, slot).uv - corners[0].uv),
+            [slots_b[2], slots_b[1]].map(|slot| corners[1].uv - at_corner(triangle + 1, slot).uv),
+        ];
+        Some(Self {
+            placed: PlacedRectangle::new(corner, ex, ey),
             ex,
             ey,
-            slots: [[apex, at_ex, at_ey], slots_b],
+            corners,
+            center: corner + 0.5 * (ex + ey),
+            far_squared: (FAR * (ex + ey).length()).powi(2),
+            uv_edges,
         })
     }
 
-    /// The point at `corner + st.x ex + st.y ey`.
+    /// The rectangle as a part of the sphere of directions; `None` where it is to be sampled by area.
     #[inline]
-    fn point(&self, mesh: &TriangleMesh, st: Vec2) -> SurfacePoint {
-        let beyond = st.x + st.y > 1.0;
-        let weights = if beyond {
-            [st.x + st.y - 1.0, 1.0 - st.y, 1.0 - st.x]
-        } else {
-            [1.0 - st.x - st.y, st.x, st.y]
-        };
-        let half = usize::from(beyond);
-        let mut corner_weights = [0.0; 3];
-        for (slot, weight) in self.slots[half].into_iter().zip(weights) {
-            corner_weights[slot] = weight;
-        }
-        SurfacePoint::on_triangle(
-            mesh,
-            self.shape,
-            self.triangles[half],
-            corner_weights[1],
-            corner_weights[2],
-        )
+    fn seen_from(&self, p: Vec3) -> Option<SphericalRectangle> {
+        let is_near = self.center.distance_squared(p) < self.far_squared;
+        is_near.then(|| SphericalRectangle::new(&self.placed, p)).flatten()
+    }
+
+    /// The point at `corner + st.x ex + st.y ey`. Its error bound is that of the corner, where it is greatest; its shading normal
+    /// is the corner's too, which light does not depend on.
+    #[inline]
+    fn point(&self, st: Vec2) -> SurfacePoint {
+        let half = usize::from(st.x + st.y > 1.0);
+        let from = &self.corners[half];
+        let st = st - half as f32;
+        let [du, dv] = self.uv_edges[half];
+        SurfacePoint { p: from.p + self.ex * st.x + self.ey * st.y, uv: from.uv + du * st.x + dv * st.y, ..*from }
     }
 }

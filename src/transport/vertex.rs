@@ -17,6 +17,8 @@ pub struct SurfaceVertex {
     pub bsdf: Bsdf,
     /// Unit direction towards the vertex before, world space.
     pub wo: Vec3,
+    /// The same in the shading frame.
+    wo_local: Vec3,
 }
 
 /// A continuation of a path drawn from a vertex's BSDF.
@@ -44,7 +46,7 @@ impl SurfaceVertex {
         let tangent = if bsdf.is_anisotropic() { point.dp_du(&scene.shapes) } else { None };
         let frame =
             tangent.map_or_else(|| Frame::from_z(point.ns), |t| Frame::from_z_and_tangent(point.ns, t));
-        Self { point, frame, bsdf, wo: -ray.d }
+        Self { point, frame, bsdf, wo: -ray.d, wo_local: frame.to_local(-ray.d) }
     }
 
     /// Whether `wi` is on the same side of the geometric and of the shading surface. Where it is not, light would
@@ -58,43 +60,47 @@ impl SurfaceVertex {
     /// of travel ([`TransportMode::Importance`]), the cosine is corrected for shading normals (Veach 1997, eq. 5.19).
     #[inline]
     pub fn eval(&self, wi: Vec3, mode: TransportMode) -> Rgb {
-        let (wo_local, wi_local) = (self.frame.to_local(self.wo), self.frame.to_local(wi));
-        if !self.sides_agree(wi, wi_local) || !self.sides_agree(self.wo, wo_local) {
+        let wi_local = self.frame.to_local(wi);
+        if !self.sides_agree(wi, wi_local) || !self.sides_agree(self.wo, self.wo_local) {
             return Rgb::ZERO;
         }
-        let cos = wi_local.z.abs() * self.correction(wi, wo_local, wi_local, mode);
-        self.bsdf.eval(wo_local, wi_local, mode) * cos
+        let cos = wi_local.z.abs() * self.correction(wi, wi_local, mode);
+        self.bsdf.eval(self.wo_local, wi_local, mode) * cos
     }
 
     /// Density per solid angle with which [`scatter`](Self::scatter) draws `wi`; without delta lobes.
     #[inline]
     pub fn pdf_w(&self, wi: Vec3, mode: TransportMode) -> f32 {
-        self.bsdf.pdf(self.frame.to_local(self.wo), self.frame.to_local(wi), mode)
+        self.bsdf.pdf(self.wo_local, self.frame.to_local(wi), mode)
     }
 
     /// Draws a direction in which the path goes on. `None` where it ends.
     #[inline]
     pub fn scatter(&self, u: [f32; 3], mode: TransportMode) -> Option<Scatter> {
-        let wo_local = self.frame.to_local(self.wo);
-        if !self.sides_agree(self.wo, wo_local) {
+        if !self.sides_agree(self.wo, self.wo_local) {
             return None;
         }
-        let sample = self.bsdf.sample(wo_local, u, mode)?;
+        let sample = self.bsdf.sample(self.wo_local, u, mode)?;
         let wi = self.frame.to_world(sample.wi);
         if !self.sides_agree(wi, sample.wi) {
             return None;
         }
-        let weight = sample.weight * self.correction(wi, wo_local, sample.wi, mode);
+        let weight = sample.weight * self.correction(wi, sample.wi, mode);
         Some(Scatter { wi, weight, pdf_w: sample.pdf, is_delta: sample.is_delta, eta: sample.eta })
+    }
+
+    /// Fraction of the light that is scattered; see [`Bsdf::albedo`].
+    pub fn albedo(&self) -> Rgb {
+        self.bsdf.albedo(self.wo_local)
     }
 
     /// What the adjoint of a BSDF with a shading normal has over the BSDF itself; 1 for radiance and on flat surfaces.
     #[inline]
-    fn correction(&self, wi: Vec3, wo_local: Vec3, wi_local: Vec3, mode: TransportMode) -> f32 {
+    fn correction(&self, wi: Vec3, wi_local: Vec3, mode: TransportMode) -> f32 {
         if mode == TransportMode::Radiance || self.point.ng == self.point.ns {
             return 1.0;
         }
         let (wo_ng, wi_ng) = (self.wo.dot(self.point.ng), wi.dot(self.point.ng));
-        ((wo_local.z * wi_ng) / (wo_ng * wi_local.z)).abs()
+        ((self.wo_local.z * wi_ng) / (wo_ng * wi_local.z)).abs()
     }
 }
