@@ -58,7 +58,9 @@ fn channels(path: &Path) -> Vec<(String, Vec<u32>)> {
         .from_file(path)
         .expect("an EXR file");
     let list = image.layer_data.channel_data.list;
-    list.iter().map(|c| (c.name.to_string(), c.sample_data.values_as_f32().map(f32::to_bits).collect())).collect()
+    list.iter()
+        .map(|c| (c.name.to_string(), c.sample_data.values_as_f32().map(f32::to_bits).collect()))
+        .collect()
 }
 
 #[test]
@@ -67,8 +69,21 @@ fn an_image_is_the_same_for_any_number_of_threads() {
         let folder = Folder::new();
         let render = |threads: &str, name: &str| {
             folder.succeed(&[
-                "render", SCENE, "--size", "48x40", "--spp", "6", "--backend", backend, "--threads", threads, "--aov",
-                "variance,depth,albedo,shape-id", "--quiet", "-o", name,
+                "render",
+                SCENE,
+                "--size",
+                "48x40",
+                "--spp",
+                "6",
+                "--backend",
+                backend,
+                "--threads",
+                threads,
+                "--aov",
+                "variance,depth,albedo,shape-id",
+                "--quiet",
+                "-o",
+                name,
             ]);
             channels(&folder.path(name))
         };
@@ -153,7 +168,8 @@ fn a_pixel_is_explained_vertex_by_vertex() {
 #[test]
 fn errors_name_the_choices() {
     let folder = Folder::new();
-    fs::write(folder.path("broken.xml"), "<scene version='3.0.0'>\n <shape type='spere'/></scene>").expect("written");
+    fs::write(folder.path("broken.xml"), "<scene version='3.0.0'>\n <shape type='spere'/></scene>")
+        .expect("written");
     let cases: &[(&[&str], i32, &[&str])] = &[
         (&["render", "missing.xml"], 1, &["missing.xml"]),
         (&["render", "broken.xml"], 1, &["broken.xml:2:", "spere", "sphere"]),
@@ -164,7 +180,11 @@ fn errors_name_the_choices() {
         (&["render", SCENE, "--backend", "optix"], 1, &["optix", "obvhs"]),
         (&["render", SCENE, "--backend", "obvhs:robust=true"], 1, &["robust=true", "quality"]),
         (&["render", SCENE, "-o", "image.jpg"], 1, &[".exr", ".png"]),
-        (&["render", SCENE, "-o", "no/such/folder/image.exr", "--spp", "1", "--size", "8x8"], 1, &["no/such/folder"]),
+        (
+            &["render", SCENE, "-o", "no/such/folder/image.exr", "--spp", "1", "--size", "8x8"],
+            1,
+            &["no/such/folder"],
+        ),
         (&["render", SCENE, "--crop", "500,0,64x64"], 1, &["512x512"]),
         (&["render", SCENE, "--size", "12"], 2, &["WIDTHxHEIGHT"]),
         (&["render", SCENE, "--time", "5"], 2, &["ms, s, m, h"]),
@@ -177,7 +197,11 @@ fn errors_name_the_choices() {
             assert!(text.contains(part), "{arguments:?} does not name {part:?}: {text}");
         }
     }
-    let left: Vec<_> = fs::read_dir(folder.0.path()).expect("the folder").filter_map(Result::ok).map(|e| e.file_name()).collect();
+    let left: Vec<_> = fs::read_dir(folder.0.path())
+        .expect("the folder")
+        .filter_map(Result::ok)
+        .map(|e| e.file_name())
+        .collect();
     assert_eq!(left, ["broken.xml"]);
 }
 
@@ -198,26 +222,54 @@ fn ctrl_c_saves_and_the_render_can_be_resumed() {
     let output = child.wait().map(|status| status.code()).expect("it ends");
     assert_eq!(output, Some(130));
     let mut text = String::new();
-    std::io::Read::read_to_string(&mut child.stderr.take().expect("standard error"), &mut text).expect("text");
+    std::io::Read::read_to_string(&mut child.stderr.take().expect("standard error"), &mut text)
+        .expect("text");
     assert!(text.contains("--resume long.state"), "{text}");
     assert!(folder.path("long.exr").exists());
 
-    let saved = helmholtz::film::state::load_state(&folder.path("long.state")).expect("a state").1.passes().len();
+    let saved =
+        helmholtz::film::state::load_state(&folder.path("long.state")).expect("a state").1.passes().len();
     let more = (saved + 3).to_string();
-    folder.succeed(&["render", SCENE, "--size", "64x64", "--spp", &more, "--resume", "long.state", "-o", "resumed.exr", "--quiet"]);
+    folder.succeed(&[
+        "render",
+        SCENE,
+        "--size",
+        "64x64",
+        "--spp",
+        &more,
+        "--resume",
+        "long.state",
+        "-o",
+        "resumed.exr",
+        "--quiet",
+    ]);
     folder.succeed(&["render", SCENE, "--size", "64x64", "--spp", &more, "-o", "whole.exr", "--quiet"]);
-    assert!(channels(&folder.path("resumed.exr")) == channels(&folder.path("whole.exr")), "the resumed image differs");
+    assert!(
+        channels(&folder.path("resumed.exr")) == channels(&folder.path("whole.exr")),
+        "the resumed image differs"
+    );
 }
 
 /// A bare mesh is rendered under a neutral sky by a camera that sees it, and it is said so.
 #[test]
 fn a_bare_mesh_can_be_rendered() {
     let folder = Folder::new();
-    fs::write(folder.path("tetra.obj"), "v 0 0 0\nv 1 0 0\nv 0 1 0\nv 0 0 1\nf 1 3 2\nf 1 2 4\nf 1 4 3\nf 2 3 4\n").expect("written");
+    fs::write(
+        folder.path("tetra.obj"),
+        "v 0 0 0\nv 1 0 0\nv 0 1 0\nv 0 0 1\nf 1 3 2\nf 1 2 4\nf 1 4 3\nf 2 3 4\n",
+    )
+    .expect("written");
     let text = folder.succeed(&["render", "tetra.obj", "--size", "32x32", "--spp", "4"]);
     assert!(text.contains("sky") && text.contains("camera"), "{text}");
     let image = channels(&folder.path("tetra.exr"));
-    let green: Vec<f32> = image.iter().find(|(name, _)| name == "G").expect("green").1.iter().map(|&b| f32::from_bits(b)).collect();
+    let green: Vec<f32> = image
+        .iter()
+        .find(|(name, _)| name == "G")
+        .expect("green")
+        .1
+        .iter()
+        .map(|&b| f32::from_bits(b))
+        .collect();
     // White sky around, a grey body in the middle.
     assert_eq!(green[0], 1.0);
     assert!(green[16 * 32 + 16] < 0.9);

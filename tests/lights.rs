@@ -175,7 +175,12 @@ fn light_points_follow_their_density() {
                 let pdf = world.lights.pdf_li(sample.light, from.p, &point, sample.wi);
                 // Densities per area grow without bound towards the silhouette, where f32 no longer tells their place.
                 if point.ng.dot(sample.wi) < -0.05 {
-                    assert!((pdf / sample.pdf_w - 1.0).abs() < 1e-2, "{}: {pdf} {}", light.name, sample.pdf_w);
+                    assert!(
+                        (pdf / sample.pdf_w - 1.0).abs() < 1e-2,
+                        "{}: {pdf} {}",
+                        light.name,
+                        sample.pdf_w
+                    );
                 }
                 let (a, b) = (light.locate)(&point);
                 let cell = |x: f64| ((x * CELLS as f64) as usize).min(CELLS - 1);

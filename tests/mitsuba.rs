@@ -30,13 +30,16 @@ fn project(path: &str) -> PathBuf {
     Path::new(env!("CARGO_MANIFEST_DIR")).join(path)
 }
 
+/// A mean and its standard error.
+type Mean = (f64, f64);
+
 /// Means of blocks and of the image, with their standard errors; channels interleaved.
 struct Estimate {
-    blocks: Vec<(f64, f64)>,
-    image: Vec<(f64, f64)>,
+    blocks: Vec<Mean>,
+    image: Vec<Mean>,
 }
 
-fn mean_and_error(values: impl ExactSizeIterator<Item = f64> + Clone) -> (f64, f64) {
+fn mean_and_error(values: impl ExactSizeIterator<Item = f64> + Clone) -> Mean {
     let n = values.len() as f64;
     let mean = values.clone().sum::<f64>() / n;
     let variance = values.map(|v| (v - mean).powi(2)).sum::<f64>() / (n - 1.0);
@@ -50,11 +53,10 @@ fn block_means(image: &[[f32; 3]], width: usize) -> Vec<f64> {
     for top in (0..height).step_by(BLOCK) {
         for left in (0..width).step_by(BLOCK) {
             let (bottom, right) = ((top + BLOCK).min(height), (left + BLOCK).min(width));
-            for channel in 0..3 {
-                let pixels = (top..bottom).flat_map(|y| (left..right).map(move |x| y * width + x));
-                let sum: f64 = pixels.map(|i| f64::from(image[i][channel])).sum();
-                means.push(sum / ((bottom - top) * (right - left)) as f64);
-            }
+            let pixels = (top..bottom).flat_map(|y| &image[y * width + left..y * width + right]);
+            let sums =
+                pixels.fold([0.0; 3], |sums, pixel| std::array::from_fn(|c| sums[c] + f64::from(pixel[c])));
+            means.extend(sums.map(|sum: f64| sum / ((bottom - top) * (right - left)) as f64));
         }
     }
     means
@@ -97,19 +99,12 @@ struct Case<'a> {
 }
 
 impl Case<'_> {
-    fn compare(
-        &self,
-        backend: &str,
-        what: &str,
-        ours: &[(f64, f64)],
-        theirs: &[(f64, f64)],
-        limit: f64,
-    ) -> Vec<String> {
+    fn compare(&self, backend: &str, what: &str, ours: &[Mean], theirs: &[Mean], limit: f64) -> Vec<String> {
         assert_eq!(ours.len(), theirs.len());
         // Where neither has any variance (an even background), rounding is left.
         let brightest = theirs.iter().fold(0.0_f64, |b, (mean, _)| b.max(mean.abs()));
         let rounding = 1e-5 * brightest;
-        let differ = |(i, (a, b)): (usize, (&(f64, f64), &(f64, f64)))| {
+        let differ = |(i, (a, b)): (usize, (&Mean, &Mean))| {
             let error = a.1.hypot(b.1);
             let excess = (a.0 - b.0).abs() - rounding;
             (excess > limit * error).then(|| {

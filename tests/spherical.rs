@@ -171,8 +171,7 @@ fn rectangles() -> Vec<Rectangle> {
 
 #[test]
 fn rectangle_solid_angle_is_the_closed_form() {
-    let cube_face =
-        seen_rectangle(vec3(-1.0, -1.0, 1.0), 2.0 * Vec3::X, 2.0 * Vec3::Y, Vec3::ZERO).unwrap();
+    let cube_face = seen_rectangle(vec3(-1.0, -1.0, 1.0), 2.0 * Vec3::X, 2.0 * Vec3::Y, Vec3::ZERO).unwrap();
     assert_close(cube_face.solid_angle(), 4.0 * PI / 6.0, 1e-6, "cube face from the centre");
     for r in rectangles() {
         // The reference itself cancels: four terms of order 1.

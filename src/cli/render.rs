@@ -1,5 +1,6 @@
 //! `helmholtz render`: a scene becomes an image.
 
+use std::fmt::Write as _;
 use std::ops::Range;
 use std::path::PathBuf;
 use std::sync::Arc;
@@ -385,14 +386,15 @@ impl Report<'_> {
 /// The part of the command line that says which scene is rendered.
 fn reproduction(args: &RenderArgs) -> String {
     let mut command = format!("helmholtz render {}", args.scene.display());
+    // Writing to a String cannot fail.
     for (name, value) in &args.define {
-        command += &format!(" -D {name}={value}");
+        let _ = write!(command, " -D {name}={value}");
     }
     if let Some(size) = args.size {
-        command += &format!(" --size {}x{}", size.x, size.y);
+        let _ = write!(command, " --size {}x{}", size.x, size.y);
     }
     if args.lenient {
-        command += " --lenient";
+        command.push_str(" --lenient");
     }
     command
 }

@@ -47,8 +47,9 @@ impl Sampler {
             let sobol = sobol_int4_rev(self.index.reverse_bits(), set);
             let [low, high] = [self.key as u32, (self.key >> 32) as u32];
             // A scramble for each dimension: of the four, by four constants (the fractional parts of the first square roots).
-            let scramble = Int4::from([low ^ 0x6a09_e667, low ^ 0xbb67_ae85, low ^ 0x3c6e_f372, low ^ 0xa54f_f53a])
-                ^ Int4::from([high.wrapping_add(set.wrapping_mul(0x9e37_79b9)); 4]);
+            let scramble =
+                Int4::from([low ^ 0x6a09_e667, low ^ 0xbb67_ae85, low ^ 0x3c6e_f372, low ^ 0xa54f_f53a])
+                    ^ Int4::from([high.wrapping_add(set.wrapping_mul(0x9e37_79b9)); 4]);
             return owen_scramble_int4_rev(sobol, hash_int4(scramble)).reverse_bits().to_f32_norm();
         }
         let x = mix(self.key ^ (u64::from(self.index) << 32 | u64::from(set)));

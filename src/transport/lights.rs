@@ -26,7 +26,7 @@ use crate::scene::{
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub struct LightId(u32);
 
-/// In `Lights::primitive_lights` and `Lights::first_primitive`: not a light.
+/// In `Lights::of_primitive` and `Lights::first_primitive`: not a light.
 const NONE: u32 = u32::MAX;
 
 #[derive(Debug, Clone, Copy)]
@@ -108,15 +108,15 @@ pub struct LeSample {
 #[derive(Debug)]
 pub struct Lights<'s> {
     shapes: &'s [Shape],
-    lights: Vec<Light>,
+    all: Vec<Light>,
     /// One over the area of each light, 0 for those that have none.
     inverse_areas: Vec<f32>,
     rectangles: Vec<Rectangle>,
     /// `None` when nothing emits.
     table: Option<AliasTable>,
-    /// For each shape, where its primitives begin in `primitive_lights`; `NONE` for shapes that do not emit.
+    /// For each shape, where its primitives begin in `of_primitive`; `NONE` for shapes that do not emit.
     first_primitive: Vec<u32>,
-    primitive_lights: Vec<u32>,
+    of_primitive: Vec<u32>,
     environment: Option<(LightId, Rgb)>,
     bounds: BoundingSphere,
     radiance_unit: f32,
@@ -127,27 +127,27 @@ impl<'s> Lights<'s> {
     pub fn new(scene: &'s Scene, bounds: BoundingSphere) -> Self {
         let mut this = Self {
             shapes: &scene.shapes,
-            lights: Vec::new(),
+            all: Vec::new(),
             inverse_areas: Vec::new(),
             rectangles: Vec::new(),
             table: None,
             first_primitive: vec![NONE; scene.shapes.len()],
-            primitive_lights: Vec::new(),
+            of_primitive: Vec::new(),
             environment: None,
             bounds,
             radiance_unit: 0.0,
         };
         for (index, shape) in scene.shapes.iter().enumerate() {
             if shape.emission.is_some_and(|e| e.max_element() > 0.0) {
-                this.first_primitive[index] = this.primitive_lights.len() as u32;
+                this.first_primitive[index] = this.of_primitive.len() as u32;
                 this.add_area_lights(index as u32, &shape.geometry);
             }
         }
         this.add_emitters(&scene.emitters);
-        let powers: Vec<f64> = this.lights.iter().map(|&l| this.power(l)).collect();
+        let powers: Vec<f64> = this.all.iter().map(|&l| this.power(l)).collect();
         this.table = AliasTable::new(&powers);
         let inverse_area = |area: f64| if area > 0.0 { (1.0 / area) as f32 } else { 0.0 };
-        this.inverse_areas = this.lights.iter().map(|&l| inverse_area(this.area(l))).collect();
+        this.inverse_areas = this.all.iter().map(|&l| inverse_area(this.area(l))).collect();
         this.radiance_unit = this.characteristic_radiance();
         this
     }
@@ -155,22 +155,22 @@ impl<'s> Lights<'s> {
     fn add_area_lights(&mut self, shape: u32, geometry: &Geometry) {
         match geometry {
             Geometry::Analytic(_) => {
-                self.primitive_lights.push(self.lights.len() as u32);
-                self.lights.push(Light::Analytic { shape });
+                self.of_primitive.push(self.all.len() as u32);
+                self.all.push(Light::Analytic { shape });
             }
             Geometry::Mesh(mesh) => {
                 let count = mesh.triangles().len() as u32;
                 let mut triangle = 0;
                 while triangle < count {
-                    let light = self.lights.len() as u32;
-                    self.primitive_lights.push(light);
+                    let light = self.all.len() as u32;
+                    self.of_primitive.push(light);
                     if let Some(rectangle) = Rectangle::find(mesh, shape, triangle) {
-                        self.primitive_lights.push(light);
-                        self.lights.push(Light::Rectangle(self.rectangles.len() as u32));
+                        self.of_primitive.push(light);
+                        self.all.push(Light::Rectangle(self.rectangles.len() as u32));
                         self.rectangles.push(rectangle);
                         triangle += 2;
                     } else {
-                        self.lights.push(Light::Triangle { shape, triangle });
+                        self.all.push(Light::Triangle { shape, triangle });
                         triangle += 1;
                     }
                 }
@@ -182,15 +182,13 @@ impl<'s> Lights<'s> {
         let mut environment = Rgb::ZERO;
         for emitter in emitters {
             match *emitter {
-                Emitter::Point { position, intensity } => {
-                    self.lights.push(Light::Point { position, intensity })
-                }
+                Emitter::Point { position, intensity } => self.all.push(Light::Point { position, intensity }),
                 Emitter::Constant { radiance } => environment += radiance,
             }
         }
         if environment.max_element() > 0.0 {
-            self.environment = Some((LightId(self.lights.len() as u32), environment));
-            self.lights.push(Light::Environment);
+            self.environment = Some((LightId(self.all.len() as u32), environment));
+            self.all.push(Light::Environment);
         }
     }
 
@@ -241,7 +239,7 @@ impl<'s> Lights<'s> {
     fn area(&self, light: Light) -> f64 {
         match light {
             Light::Triangle { shape, triangle } => self.mesh(shape).map_or(0.0, |mesh| {
-                let [a, b, c] = mesh.corners(triangle).map(|p| p.as_dvec3());
+                let [a, b, c] = mesh.corners(triangle).map(Vec3::as_dvec3);
                 0.5 * (b - a).cross(c - a).length()
             }),
             Light::Rectangle(r) => {
@@ -255,7 +253,7 @@ impl<'s> Lights<'s> {
 
     fn characteristic_radiance(&self) -> f32 {
         let far2 = self.bounds.radius * self.bounds.radius;
-        self.lights.iter().fold(0.0, |unit: f32, &light| {
+        self.all.iter().fold(0.0, |unit: f32, &light| {
             let brightest = self.emission(light).max_element();
             let radiance = if matches!(light, Light::Point { .. }) { brightest / far2 } else { brightest };
             unit.max(radiance)
@@ -270,19 +268,19 @@ impl<'s> Lights<'s> {
 
     /// Number of lights.
     pub fn len(&self) -> usize {
-        self.lights.len()
+        self.all.len()
     }
 
     /// Whether nothing emits.
     pub fn is_empty(&self) -> bool {
-        self.lights.is_empty()
+        self.all.is_empty()
     }
 
     /// The light that a surface point belongs to.
     #[inline]
     pub fn light_at(&self, point: &SurfacePoint) -> Option<LightId> {
         let first = self.first_primitive[point.shape as usize];
-        (first != NONE).then(|| LightId(self.primitive_lights[(first + point.primitive) as usize]))
+        (first != NONE).then(|| LightId(self.of_primitive[(first + point.primitive) as usize]))
     }
 
     /// Radiance that a surface point emits in direction `wo`: from the side of its normal only.
@@ -305,7 +303,7 @@ impl<'s> Lights<'s> {
     fn choose(&self, u: f32) -> Option<(LightId, Light, f32)> {
         let table = self.table.as_ref()?;
         let index = table.sample(u);
-        Some((LightId(index as u32), self.lights[index], table.pdf(index)))
+        Some((LightId(index as u32), self.all[index], table.pdf(index)))
     }
 
     fn choice_pdf(&self, light: LightId) -> f32 {
@@ -357,7 +355,13 @@ impl<'s> Lights<'s> {
     }
 
     #[inline]
-    fn sample_area_light(&self, id: LightId, light: Light, from: Vec3, u: Vec2) -> Option<(SurfacePoint, AreaPdf)> {
+    fn sample_area_light(
+        &self,
+        id: LightId,
+        light: Light,
+        from: Vec3,
+        u: Vec2,
+    ) -> Option<(SurfacePoint, AreaPdf)> {
         let by_area = AreaPdf::Area(self.inverse_areas[id.0 as usize]);
         match light {
             Light::Triangle { shape, triangle } => {
@@ -372,13 +376,12 @@ impl<'s> Lights<'s> {
             }
             Light::Rectangle(r) => {
                 let rectangle = &self.rectangles[r as usize];
-                let (st, pdf) =
-                    match rectangle.seen_from(from) {
-                        Some(spherical) => {
-                            (spherical.sample(u), AreaPdf::SolidAngle(1.0 / spherical.solid_angle()))
-                        }
-                        None => (u, by_area),
-                    };
+                let (st, pdf) = match rectangle.seen_from(from) {
+                    Some(spherical) => {
+                        (spherical.sample(u), AreaPdf::SolidAngle(1.0 / spherical.solid_angle()))
+                    }
+                    None => (u, by_area),
+                };
                 Some((rectangle.point(st), pdf))
             }
             Light::Analytic { shape } => {
@@ -400,7 +403,7 @@ impl<'s> Lights<'s> {
     pub fn pdf_li(&self, light: LightId, from: Vec3, on: &SurfacePoint, wi: Vec3) -> f32 {
         let choice = self.choice_pdf(light);
         let inverse_area = self.inverse_areas[light.0 as usize];
-        let solid_angle = match self.lights[light.0 as usize] {
+        let solid_angle = match self.all[light.0 as usize] {
             Light::Triangle { shape, triangle } => self
                 .mesh(shape)
                 .and_then(|mesh| triangle_seen_from(mesh.corners(triangle), from))
@@ -497,7 +500,7 @@ impl<'s> Lights<'s> {
     pub fn pdf_le(&self, light: LightId, ng: Option<Vec3>, d: Vec3) -> (f32, f32) {
         let choice = self.choice_pdf(light);
         let inverse_area = self.inverse_areas[light.0 as usize];
-        match (self.lights[light.0 as usize], ng) {
+        match (self.all[light.0 as usize], ng) {
             (Light::Point { .. }, _) => (choice, UNIFORM_SPHERE_PDF),
             (Light::Environment, _) => (choice * self.distant_position_pdf(), UNIFORM_SPHERE_PDF),
             (_, Some(ng)) => (choice * inverse_area, cosine_hemisphere_pdf(ng.dot(d))),
@@ -617,6 +620,10 @@ impl Rectangle {
         let from = &self.corners[half];
         let st = st - half as f32;
         let [du, dv] = self.uv_edges[half];
-        SurfacePoint { p: from.p + self.ex * st.x + self.ey * st.y, uv: from.uv + du * st.x + dv * st.y, ..*from }
+        SurfacePoint {
+            p: from.p + self.ex * st.x + self.ey * st.y,
+            uv: from.uv + du * st.x + dv * st.y,
+            ..*from
+        }
     }
 }
