@@ -16,8 +16,6 @@
 //! What is not here: the choice of passes and when to stop ([`crate::render`]), and tone mapping beyond the sRGB
 //! transfer function of PNG.
 
-// Coordinates stay below 2^24.
-#![allow(clippy::cast_possible_wrap)]
 
 pub mod aov;
 mod dropped;
