@@ -39,8 +39,7 @@ impl Sampler {
     #[inline]
     pub fn new(seed: u64, stream: u64, index: u32) -> Self {
         let epoch = u64::from(index >> SEQUENCE_LENGTH_LOG2);
-        let stream_key =
-            mix(mix(seed.wrapping_add(0x9e37_79b9_7f4a_7c15)) ^ stream.wrapping_mul(0xd134_2543_de82_ef95));
+        let stream_key = mix(mix(seed.wrapping_add(0x9e37_79b9_7f4a_7c15)) ^ stream.wrapping_mul(0xd134_2543_de82_ef95));
         let key = mix(stream_key.wrapping_add(epoch));
         Self {
             key,
@@ -59,8 +58,7 @@ impl Sampler {
         } else {
             let x = mix(self.key ^ (u64::from(self.index) << 32 | u64::from(self.next_set)));
             let y = mix(x ^ self.key.rotate_left(17));
-            [x as u32, (x >> 32) as u32, y as u32, (y >> 32) as u32]
-                .map(|b| (b >> 8) as f32 * (1.0 / 16_777_216.0))
+            [x as u32, (x >> 32) as u32, y as u32, (y >> 32) as u32].map(|b| (b >> 8) as f32 * (1.0 / 16_777_216.0))
         };
         self.next_set += 1;
         self.used = 0;

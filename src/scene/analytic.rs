@@ -43,12 +43,7 @@ impl AnalyticShape {
             AnalyticKind::Disk => true,
         };
         let to_object = to_world.inverse();
-        if !(lengths.min_element() > 0.0
-            && orthogonal
-            && even
-            && to_world.is_finite()
-            && to_object.is_finite())
-        {
+        if !(lengths.min_element() > 0.0 && orthogonal && even && to_world.is_finite() && to_object.is_finite()) {
             return None;
         }
         Some(Self { kind, to_world, to_object, flip_normals })
@@ -56,11 +51,7 @@ impl AnalyticShape {
 
     /// A sphere.
     pub fn sphere(center: DVec3, radius: f64) -> Option<Self> {
-        Self::new(
-            AnalyticKind::Sphere,
-            DAffine3::from_mat3_translation(DMat3::from_diagonal(DVec3::splat(radius)), center),
-            false,
-        )
+        Self::new(AnalyticKind::Sphere, DAffine3::from_mat3_translation(DMat3::from_diagonal(DVec3::splat(radius)), center), false)
     }
 
     /// Which unit shape.

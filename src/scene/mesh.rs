@@ -137,7 +137,10 @@ impl TriangleMesh {
 
     /// World bounds of the vertices that triangles use.
     pub fn bounds(&self) -> Aabb {
-        self.triangles.iter().flatten().fold(Aabb::EMPTY, |b, &i| b.extend(self.padded_positions[i as usize]))
+        self.triangles
+            .iter()
+            .flatten()
+            .fold(Aabb::EMPTY, |b, &i| b.extend(self.padded_positions[i as usize]))
     }
 
     /// Bytes held by the buffers.
