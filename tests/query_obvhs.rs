@@ -102,3 +102,19 @@ fn nested_shells_of_all_sizes() {
         assert_eq!(hit.shape, 0);
     }
 }
+
+#[test]
+fn borders_belong_to_a_lone_square() {
+    // Rays that run exactly along a side of all boxes, where no neighbour would catch them; zeros of both signs.
+    let corners = vec![Vec3::ZERO, Vec3::X, Vec3::new(1.0, 1.0, 0.0), Vec3::Y];
+    let shapes = [mesh(corners, vec![[0, 1, 2], [0, 2, 3]])];
+    let query = ObvhsQuery::new(&shapes, BuildQuality::Medium);
+    for zero in [0.0, -0.0] {
+        for (x, y) in
+            [(0.0, 0.0), (1.0, 0.0), (1.0, 1.0), (0.0, 1.0), (0.5, 0.0), (1.0, 0.5), (0.5, 1.0), (0.0, 0.5)]
+        {
+            let ray = Ray::new(Vec3::new(x, y, 2.0), Vec3::new(zero, zero, -1.0));
+            assert_eq!(query.intersect(&ray).map(|hit| hit.t), Some(2.0), "{ray:?}");
+        }
+    }
+}

@@ -5,7 +5,7 @@ use helmholtz::sampling::sampler::mix;
 use helmholtz::scene::{AnalyticShape, Geometry, MaterialId, Shape, TriangleMesh};
 use std::collections::HashMap;
 
-/// A fixed stream of random numbers (SplitMix64).
+/// A fixed stream of random numbers (`SplitMix64`).
 pub(crate) struct Rng(pub(crate) u64);
 
 impl Rng {

@@ -16,7 +16,6 @@
 //! What is not here: the choice of passes and when to stop ([`crate::render`]), and tone mapping beyond the sRGB
 //! transfer function of PNG.
 
-
 pub mod aov;
 mod dropped;
 pub mod exact;

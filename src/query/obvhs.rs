@@ -43,8 +43,8 @@ impl BuildQuality {
 /// all rounded (3 half ulps), and entry is compared with exit or with the rounded distance of a hit.
 const SLACK: f32 = 4.0 * f32::EPSILON;
 
-/// Components of a direction below this (2^-80) are taken as this in box tests, so that 0 times infinity does not arise. Over any
-/// distance that coordinates allow, the ray moves by less than the margin of the boxes.
+/// Components of a direction below this (2^-80) are taken as this in box tests, so that 0 times infinity does not arise.
+/// The ray moves by 2^-80 of its length, far below an ulp; where it runs along a side of a box, the margin keeps it inside.
 const LEAST_COMPONENT: f32 = f32::from_bits((127 - 80) << 23);
 
 /// Children of a node: as many as an SSE register has lanes.
