@@ -80,7 +80,7 @@ fn an_image_is_the_same_for_any_number_of_threads() {
                 "--threads",
                 threads,
                 "--aov",
-                "variance,depth,albedo,shape-id",
+                "variance,depth,albedo,shape_id",
                 "--quiet",
                 "-o",
                 name,

@@ -80,7 +80,7 @@ pub(super) struct RenderArgs {
     /// Replace what is not supported in a scene file, with a warning that says by what
     #[arg(long)]
     lenient: bool,
-    /// More layers for the EXR: depth, position, ng, ns, albedo, uv, shape-id, primitive-id, sample-count, variance
+    /// More layers for the EXR: depth, position, geometric_normal, shading_normal, albedo, uv, shape_id, primitive_id, sample_count, variance
     #[arg(long, value_name = "NAME,...", value_delimiter = ',', value_parser = aov)]
     aov: Vec<Aov>,
     /// Go on from a state file; its passes are not rendered again
@@ -101,7 +101,8 @@ pub(super) struct RenderArgs {
 }
 
 fn aov(name: &str) -> Result<Aov, String> {
-    Aov::from_name(name).ok_or_else(|| "no such AOV".to_owned())
+    let names = || Aov::ALL.map(Aov::name).join(", ");
+    Aov::from_name(name).ok_or_else(|| format!("no such AOV; there are: {}", names()))
 }
 
 pub(super) fn run(args: &RenderArgs) -> Result<u8, CliError> {

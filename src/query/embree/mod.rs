@@ -199,10 +199,12 @@ fn commit(device: &Device, scene: &Scene, settings: EmbreeSettings) -> Result<()
 /// Embree's robust tests accept `tnear <= t <= tfar`, so the interval shrinks by one float at either end.
 #[inline]
 fn closed_interval(ray: &Ray) -> Option<ffi::RTCRay> {
-    // `max` drops a NaN; for `t_max` the comparison below does.
-    let tnear = ray.t_min.next_up().max(LEAST_DISTANCE);
-    let tfar = ray.t_max.next_down();
-    (tnear <= tfar && ray.o.is_finite() && ray.d.is_finite()).then_some(ffi::RTCRay {
+    // Most rays have the whole half-line, for which the steps of one float make no difference.
+    let tnear = if ray.t_min == 0.0 { LEAST_DISTANCE } else { ray.t_min.next_up().max(LEAST_DISTANCE) };
+    let tfar = if ray.t_max == f32::INFINITY { f32::MAX } else { ray.t_max.next_down() };
+    // One NaN or infinity among them makes this sum NaN. A NaN in `t_max` fails the comparison; that in `t_min`, `max` has dropped.
+    let zero = (ray.o + ray.d).element_sum() * 0.0 + ray.t_min * 0.0;
+    (tnear <= tfar && zero == 0.0).then_some(ffi::RTCRay {
         org_x: ray.o.x,
         org_y: ray.o.y,
         org_z: ray.o.z,
