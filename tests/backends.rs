@@ -1,7 +1,8 @@
 //! Runs a test on every backend of this build.
 
+use helmholtz::query::BuildQuality;
 use helmholtz::query::RayQuery;
-use helmholtz::query::obvhs::{BuildQuality, ObvhsQuery};
+use helmholtz::query::obvhs::ObvhsQuery;
 use helmholtz::scene::Shape;
 
 /// Something to be done with any backend; a closure cannot be generic.

@@ -6,7 +6,8 @@
 use std::f64::consts::{PI, TAU};
 
 use glam::{DVec3, Vec2, Vec3};
-use helmholtz::query::obvhs::{BuildQuality, ObvhsQuery};
+use helmholtz::query::BuildQuality;
+use helmholtz::query::obvhs::ObvhsQuery;
 use helmholtz::query::{Ray, RayQuery};
 use helmholtz::scene::{
     AnalyticKind, AnalyticShape, Emitter, Geometry, Rgb, Scene, SurfacePoint, TriangleMesh,

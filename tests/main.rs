@@ -3,6 +3,7 @@
 mod analytic;
 mod analytic_shapes;
 mod backends;
+mod benchmarks;
 mod bsdf;
 mod camera;
 mod cli;

@@ -1,7 +1,8 @@
 //! Embree against exact answers: brute force and quadratics in f64.
 
 use glam::{DVec3, Vec3};
-use helmholtz::query::embree::{BuildQuality, EmbreeError, EmbreeQuery, EmbreeSettings};
+use helmholtz::query::BuildQuality;
+use helmholtz::query::embree::{EmbreeError, EmbreeQuery, EmbreeSettings};
 use helmholtz::query::{Hit, Ray, RayQuery};
 use helmholtz::sampling::sampler::mix;
 use helmholtz::scene::{AnalyticShape, Geometry, MaterialId, Shape, TriangleMesh};
@@ -327,13 +328,17 @@ fn hits_do_not_depend_on_threads() {
         .collect();
     let bits =
         |hit: Option<Hit>| hit.map(|h| (h.shape, h.primitive, h.u.to_bits(), h.v.to_bits(), h.t.to_bits()));
+    let built_with = |threads| {
+        let pool = rayon::ThreadPoolBuilder::new().num_threads(threads).build().unwrap();
+        pool.install(|| EmbreeQuery::new(&shapes, EmbreeSettings::default()).unwrap())
+    };
     let reference: Vec<_> = {
-        let query = EmbreeQuery::new(&shapes, EmbreeSettings { threads: 1, ..Default::default() }).unwrap();
+        let query = built_with(1);
         rays.iter().map(|ray| bits(query.intersect(ray))).collect()
     };
     assert!(reference.iter().flatten().count() > 5_000);
-    for threads in [0, 2, 5] {
-        let query = EmbreeQuery::new(&shapes, EmbreeSettings { threads, ..Default::default() }).unwrap();
+    for threads in [2, 5] {
+        let query = built_with(threads);
         std::thread::scope(|scope| {
             let workers: Vec<_> = (0..8)
                 .map(|_| {
@@ -354,8 +359,7 @@ fn every_setting_finds_the_same_triangles() {
     let reference = query(&shapes);
     for quality in [BuildQuality::Low, BuildQuality::Medium, BuildQuality::High] {
         for (robust, compact) in [(true, false), (true, true), (false, false), (false, true)] {
-            let query =
-                EmbreeQuery::new(&shapes, EmbreeSettings { robust, quality, compact, threads: 0 }).unwrap();
+            let query = EmbreeQuery::new(&shapes, EmbreeSettings { robust, quality, compact }).unwrap();
             let differ = (0..5_000)
                 .filter(|_| {
                     let ray = Ray::new(random.cube(), random.direction());

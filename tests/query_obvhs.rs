@@ -1,7 +1,7 @@
 //! The `obvhs` backend: the shared suite, and what only it promises.
 
 use glam::{DVec3, Vec3};
-use helmholtz::query::obvhs::BuildQuality;
+use helmholtz::query::BuildQuality;
 use helmholtz::query::obvhs::ObvhsQuery;
 use helmholtz::query::{Ray, RayQuery};
 use helmholtz::scene::Shape;

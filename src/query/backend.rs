@@ -2,9 +2,9 @@
 
 use thiserror::Error;
 
+use super::BuildQuality;
 #[cfg(feature = "embree")]
-use super::embree::{self, EmbreeSettings};
-use super::obvhs;
+use super::embree::EmbreeSettings;
 
 /// A backend with its settings.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
@@ -13,7 +13,7 @@ pub enum Backend {
     #[cfg(feature = "embree")]
     Embree(EmbreeSettings),
     /// The pure-Rust backend.
-    Obvhs(obvhs::BuildQuality),
+    Obvhs(BuildQuality),
 }
 
 /// Why a choice was refused.
@@ -44,7 +44,7 @@ impl Default for Backend {
         #[cfg(feature = "embree")]
         return Self::Embree(EmbreeSettings::default());
         #[cfg(not(feature = "embree"))]
-        return Self::Obvhs(obvhs::BuildQuality::default());
+        return Self::Obvhs(BuildQuality::default());
     }
 }
 
@@ -72,15 +72,12 @@ impl Backend {
 
 #[cfg(feature = "embree")]
 fn embree_settings(text: &[(String, String)]) -> Result<EmbreeSettings, BackendError> {
-    use embree::BuildQuality::{High, Low, Medium};
     let mut settings = EmbreeSettings::default();
     for (key, value) in text {
-        match (key.as_str(), value.as_str()) {
-            ("robust", "true" | "false") => settings.robust = value == "true",
-            ("compact", "true" | "false") => settings.compact = value == "true",
-            ("quality", "low") => settings.quality = Low,
-            ("quality", "medium") => settings.quality = Medium,
-            ("quality", "high") => settings.quality = High,
+        match (key.as_str(), value.as_str(), quality(value)) {
+            ("robust", "true" | "false", _) => settings.robust = value == "true",
+            ("compact", "true" | "false", _) => settings.compact = value == "true",
+            ("quality", _, Some(quality)) => settings.quality = quality,
             _ => {
                 let known = "robust=true|false, quality=low|medium|high, compact=true|false";
                 return Err(bad_setting("embree", key, value, known));
@@ -90,18 +87,24 @@ fn embree_settings(text: &[(String, String)]) -> Result<EmbreeSettings, BackendE
     Ok(settings)
 }
 
-fn obvhs_quality(text: &[(String, String)]) -> Result<obvhs::BuildQuality, BackendError> {
-    use obvhs::BuildQuality::{High, Low, Medium};
-    let mut quality = obvhs::BuildQuality::default();
+fn obvhs_quality(text: &[(String, String)]) -> Result<BuildQuality, BackendError> {
+    let mut found = BuildQuality::default();
     for (key, value) in text {
-        quality = match (key.as_str(), value.as_str()) {
-            ("quality", "low") => Low,
-            ("quality", "medium") => Medium,
-            ("quality", "high") => High,
+        found = match (key.as_str(), quality(value)) {
+            ("quality", Some(quality)) => quality,
             _ => return Err(bad_setting("obvhs", key, value, "quality=low|medium|high")),
         }
     }
-    Ok(quality)
+    Ok(found)
+}
+
+fn quality(name: &str) -> Option<BuildQuality> {
+    match name {
+        "low" => Some(BuildQuality::Low),
+        "medium" => Some(BuildQuality::Medium),
+        "high" => Some(BuildQuality::High),
+        _ => None,
+    }
 }
 
 fn bad_setting(backend: &'static str, key: &str, value: &str, known: &'static str) -> BackendError {

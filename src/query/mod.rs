@@ -17,7 +17,19 @@ use glam::Vec3;
 
 use crate::scene::{Aabb, Shape, SurfacePoint};
 
-/// A half-open segment of a line: points `o + t d` for `t_min < t < t_max`.
+/// How much work a backend puts into its hierarchy.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
+pub enum BuildQuality {
+    /// Quick to build, slow to trace. Morton codes in Embree, `very_fast_build` of `obvhs`.
+    Low,
+    /// Surface-area heuristic in Embree, `medium_build` of `obvhs`. The same hierarchy for any number of threads.
+    #[default]
+    Medium,
+    /// Slow to build. Spatial splits in Embree, `slow_build` of `obvhs`.
+    High,
+}
+
+/// A segment of a line without its ends: points `o + t d` for `t_min < t < t_max`.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct Ray {
     /// Origin.

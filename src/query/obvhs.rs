@@ -14,28 +14,14 @@ use obvhs::bvh2::builder::build_bvh2;
 use obvhs::bvh2::{Bvh2, node::Bvh2Node};
 
 use super::triangle::WatertightRay;
-use super::{Hit, Ray, RayQuery, analytic};
+use super::{BuildQuality, Hit, Ray, RayQuery, analytic};
 use crate::scene::{Aabb, Geometry, Shape};
 
-/// How much time the build spends on a better tree.
-#[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
-pub enum BuildQuality {
-    /// `obvhs` preset `very_fast_build`.
-    Low,
-    /// `obvhs` preset `medium_build`.
-    #[default]
-    Medium,
-    /// `obvhs` preset `slow_build`, without its spatial splits.
-    High,
-}
-
-impl BuildQuality {
-    fn parameters(self) -> BvhBuildParams {
-        match self {
-            Self::Low => BvhBuildParams::very_fast_build(),
-            Self::Medium => BvhBuildParams::medium_build(),
-            Self::High => BvhBuildParams::slow_build(),
-        }
+fn parameters(quality: BuildQuality) -> BvhBuildParams {
+    match quality {
+        BuildQuality::Low => BvhBuildParams::very_fast_build(),
+        BuildQuality::Medium => BvhBuildParams::medium_build(),
+        BuildQuality::High => BvhBuildParams::slow_build(),
     }
 }
 
@@ -164,7 +150,7 @@ impl<'s> ObvhsQuery<'s> {
                 primitives: Vec::new(),
             };
         }
-        let tree = build_bvh2(&build_boxes(&boxes, bounds), quality.parameters(), &mut Duration::default());
+        let tree = build_bvh2(&build_boxes(&boxes, bounds), parameters(quality), &mut Duration::default());
         let mut packer = Packer::new(&tree, &boxes);
         let (root, _) = packer.copy(0, 0);
         let primitives = packer.order.iter().map(|&i| unordered[i as usize]).collect();

@@ -4,7 +4,7 @@
 //! `cargo bench --no-default-features --bench ray_queries -- [triangles in thousands]`
 
 use glam::{DVec3, Vec3, Vec3A};
-use helmholtz::query::obvhs::BuildQuality;
+use helmholtz::query::BuildQuality;
 use helmholtz::query::obvhs::ObvhsQuery;
 use helmholtz::query::triangle::WatertightRay;
 use helmholtz::query::{Ray, RayQuery};

@@ -13,7 +13,7 @@ use std::ptr;
 use glam::Vec3;
 use thiserror::Error;
 
-use super::{Hit, Ray, RayQuery};
+use super::{BuildQuality, Hit, Ray, RayQuery};
 use crate::scene::{Aabb, Geometry, Shape, TriangleMesh};
 use device::Device;
 
@@ -26,36 +26,22 @@ const LEAST_DISTANCE: f32 = 1e-30;
 /// to the distance of the farthest corner: 128 roundings. Everyday hits keep the very distance that the queries compare.
 const DISTANCE_SLACK: f32 = 128.0 * f32::EPSILON;
 
-/// How much work Embree puts into its hierarchy.
-#[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
-pub enum BuildQuality {
-    /// Morton codes: least work, and a hierarchy that is slower to trace.
-    Low,
-    /// Binned surface-area heuristic; the same hierarchy for any number of threads.
-    #[default]
-    Medium,
-    /// With spatial splits. **Not deterministic** when built by several threads. For scenes that are robust or
-    /// compact, Embree 4.4 builds the same as for [`Medium`](Self::Medium).
-    High,
-}
-
 /// How an [`EmbreeQuery`] is built. The defaults are measured: see `vendor-notes/embree.md`.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub struct EmbreeSettings {
     /// Watertight triangle and box tests. On by default: without it rays slip through edges, and the ends of a ray's
     /// interval are off by a few ulp.
     pub robust: bool,
-    /// Effort of the build; medium by default.
+    /// Effort of the build; medium by default. High adds spatial splits and is **not deterministic** when built by several
+    /// threads; for scenes that are robust or compact, Embree 4.4 builds the same as for medium.
     pub quality: BuildQuality,
     /// Keep indices instead of copies of the vertices in the hierarchy: less memory, slower queries. Off by default.
     pub compact: bool,
-    /// Build threads; 0, the default, is one per core.
-    pub threads: usize,
 }
 
 impl Default for EmbreeSettings {
     fn default() -> Self {
-        Self { robust: true, quality: BuildQuality::default(), compact: false, threads: 0 }
+        Self { robust: true, quality: BuildQuality::default(), compact: false }
     }
 }
 
@@ -120,12 +106,12 @@ unsafe impl Send for EmbreeQuery<'_> {}
 unsafe impl Sync for EmbreeQuery<'_> {}
 
 impl<'s> EmbreeQuery<'s> {
-    /// Builds the hierarchy. Vertices and indices are shared with `shapes`, not copied.
+    /// Builds the hierarchy, with as many threads as the current rayon pool has. Vertices and indices are shared with `shapes`, not copied.
     ///
     /// # Errors
     /// If the library does not suit, a shape is out of range, or Embree fails, for instance for want of memory.
     pub fn new(shapes: &'s [Shape], settings: EmbreeSettings) -> Result<Self, EmbreeError> {
-        let device = Device::new(settings.threads)?;
+        let device = Device::new(rayon::current_num_threads())?;
         // SAFETY: the device is live.
         let scene = Scene(unsafe { ffi::rtcNewScene(device.handle()) });
         device.check("rtcNewScene")?;
