@@ -2,8 +2,8 @@
 
 use super::bsdf::TransportMode;
 use super::vertex::SurfaceVertex;
-use crate::query::{Ray, RayQuery};
-use crate::scene::{Rgb, Scene};
+use crate::query::Ray;
+use crate::scene::Rgb;
 
 /// Greatest survival probability of Russian roulette, as Mitsuba has it: a path in a scene that absorbs nothing still ends.
 const MAX_SURVIVAL: f32 = 0.95;
@@ -31,13 +31,6 @@ impl Walk {
     #[inline]
     pub fn new(mode: TransportMode, ray: Ray, beta: Rgb) -> Self {
         Self { mode, ray, beta, pdf_w: 1.0, is_delta: true, eta_scale: 1.0 }
-    }
-
-    /// Traces the next segment to the surface it hits.
-    #[inline]
-    pub fn advance<Q: RayQuery>(&self, scene: &Scene, query: &Q) -> Option<SurfaceVertex> {
-        let hit = query.intersect(&self.ray)?;
-        Some(SurfaceVertex::new(scene, &hit, &self.ray))
     }
 
     /// Goes on from a vertex in a direction drawn from its BSDF. `false` where the path is absorbed.
