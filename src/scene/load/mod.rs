@@ -151,9 +151,19 @@ const FRAMING_FOV: f64 = 40.0;
 fn framing_camera(bounds: Aabb) -> Camera {
     let (center, radius) = bounds.bounding_sphere();
     let (center, radius) = (center.as_dvec3(), f64::from(if radius > 0.0 { radius } else { 1.0 }));
-    // The sphere touches the sides of the view at this distance; 5 % more leaves a margin.
-    let distance = 1.05 * radius / (FRAMING_FOV / 2.0).to_radians().sin();
-    let direction = -DVec3::new(0.0, 0.3, 1.0).normalize();
+    let direction = -DVec3::new(0.6, 0.45, 1.0).normalize();
+    let axes = look_along(DVec3::ZERO, direction, DVec3::Y).matrix3;
+    // Of each corner of the box, how far in front of it the camera must stand for the corner to lie within the view.
+    let tan = (FRAMING_FOV / 2.0).to_radians().tan();
+    let (min, max) = (bounds.min.as_dvec3(), bounds.max.as_dvec3());
+    let corner = |i: u32| DVec3::select(glam::BVec3::new(i & 1 > 0, i & 2 > 0, i & 4 > 0), max, min);
+    let needed = |corner: DVec3| {
+        let q = axes.transpose() * (corner - center);
+        q.x.abs().max(q.y.abs()) / tan - q.z
+    };
+    // 5 % more leaves a margin. A point, or nothing, has no corners to go by.
+    let distance =
+        (0..8).map(|i| needed(corner(i))).fold(radius, |far, d| if d > far { d } else { far }) * 1.05;
     Camera {
         to_world: look_along(center - direction * distance, direction, DVec3::Y),
         fov: FRAMING_FOV,
