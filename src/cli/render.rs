@@ -384,7 +384,7 @@ impl Report<'_> {
     }
 }
 
-/// The part of the command line that says which scene is rendered.
+/// The part of the command line that says which scene is rendered, and with which backend.
 fn reproduction(args: &RenderArgs) -> String {
     let mut command = format!("helmholtz render {}", args.scene.display());
     // Writing to a String cannot fail.
@@ -393,6 +393,10 @@ fn reproduction(args: &RenderArgs) -> String {
     }
     if let Some(size) = args.size {
         let _ = write!(command, " --size {}x{}", size.x, size.y);
+    }
+    if let Some(Spec { name, parameters }) = &args.backend {
+        let settings: Vec<_> = parameters.iter().map(|(key, value)| format!("{key}={value}")).collect();
+        let _ = write!(command, " --backend {name}:{}", settings.join(","));
     }
     if args.lenient {
         command.push_str(" --lenient");

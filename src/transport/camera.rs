@@ -17,8 +17,6 @@ use crate::scene::{Camera, FovAxis, Lens};
 pub struct CameraModel {
     to_world: Mat3,
     to_camera: Mat3,
-    /// World units per camera unit.
-    scale: f32,
     position: Vec3,
     /// Half extents of the film at distance 1.
     half_extent: Vec2,
@@ -74,7 +72,6 @@ impl CameraModel {
         Self {
             to_world: rotation,
             to_camera: rotation.transpose(),
-            scale: scale as f32,
             position: camera.to_world.translation.as_vec3(),
             half_extent: half_extent.as_vec2(),
             film_size: film_size.as_vec2(),
@@ -89,11 +86,6 @@ impl CameraModel {
     /// Where the pinhole or the middle of the lens is.
     pub fn position(&self) -> Vec3 {
         self.position
-    }
-
-    /// World units per camera unit.
-    pub fn scale(&self) -> f32 {
-        self.scale
     }
 
     /// Whether the camera is a pinhole, which no light path can hit.

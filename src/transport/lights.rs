@@ -48,7 +48,7 @@ enum Light {
 }
 
 /// A flat light farther away than this many times its diameter is sampled by area: the density per solid angle then varies by
-/// so little over it that the noise of the estimate does not change, and a sample costs a third.
+/// so little over it that the estimate hardly becomes noisier, and a sample is cheaper.
 /// Figures are in `vendor-notes/measurements.md`.
 const FAR: f32 = 2.0;
 
@@ -264,16 +264,6 @@ impl<'s> Lights<'s> {
     /// across the scene. 0 if nothing emits. Scales with emission, which makes it a unit for sums.
     pub fn radiance_unit(&self) -> f32 {
         self.radiance_unit
-    }
-
-    /// Number of lights.
-    pub fn len(&self) -> usize {
-        self.all.len()
-    }
-
-    /// Whether nothing emits.
-    pub fn is_empty(&self) -> bool {
-        self.all.is_empty()
     }
 
     /// The light that a surface point belongs to.
