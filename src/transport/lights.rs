@@ -80,6 +80,8 @@ pub struct LiSample {
     pub pdf_w: f32,
     /// Whether no other technique can find this direction.
     pub is_delta: bool,
+    /// Normal of the light where it was hit, if it is a surface.
+    pub ng: Option<Vec3>,
     /// Tells by [`occluded`](crate::query::RayQuery::occluded) whether anything is between.
     pub shadow_ray: Ray,
 }
@@ -316,6 +318,7 @@ impl<'s> Lights<'s> {
                     radiance: intensity / to.length_squared(),
                     pdf_w: choice,
                     is_delta: true,
+                    ng: None,
                     shadow_ray,
                 })
             }
@@ -324,7 +327,7 @@ impl<'s> Lights<'s> {
                 let radiance = self.emission(light);
                 let shadow_ray = Ray::spawn(from, wi);
                 let pdf_w = choice * UNIFORM_SPHERE_PDF;
-                Some(LiSample { light: id, wi, radiance, pdf_w, is_delta: false, shadow_ray })
+                Some(LiSample { light: id, wi, radiance, pdf_w, is_delta: false, ng: None, shadow_ray })
             }
             Light::Triangle { .. } | Light::Rectangle(_) | Light::Analytic { .. } => {
                 let (point, pdf) = self.sample_area_light(id, light, from.p, uv)?;
@@ -338,6 +341,7 @@ impl<'s> Lights<'s> {
                     radiance,
                     pdf_w,
                     is_delta: false,
+                    ng: Some(point.ng),
                     shadow_ray,
                 })
             }
@@ -496,6 +500,45 @@ impl<'s> Lights<'s> {
             (_, Some(ng)) => (choice * inverse_area, cosine_hemisphere_pdf(ng.dot(d))),
             (_, None) => (0.0, 0.0),
         }
+    }
+
+    /// Whether a light is a point or a direction, which no path can hit.
+    #[inline]
+    pub fn is_delta(&self, light: LightId) -> bool {
+        match self.all[light.0 as usize] {
+            Light::Point { .. } => true,
+            Light::Triangle { .. } | Light::Rectangle(_) | Light::Analytic { .. } | Light::Environment => false,
+        }
+    }
+
+    /// Density per solid angle with which [`sample_li`](Self::sample_li) would have found, from the point `at`, the start of a light path
+    /// that leads there; the probability of the light alone if it is a delta.
+    #[inline]
+    pub fn pdf_li_of_start(&self, start: &LeSample, at: Vec3) -> f32 {
+        match (self.all[start.light.0 as usize], &start.point) {
+            (Light::Point { .. }, _) => self.choice_pdf(start.light),
+            (Light::Environment, _) => self.pdf_environment(),
+            (_, Some(point)) => self.pdf_li(start.light, at, point, -start.ray.d),
+            (_, None) => 0.0,
+        }
+    }
+
+    /// How much denser light paths that start at `light` in direction `d` are at the point `at` than places on the light that are sampled from
+    /// there with density `pdf_li`: the quotient of both densities of this segment, per area across `d` at `at`.
+    /// `ng` is the normal where the path leaves an area light.
+    #[inline]
+    pub fn le_over_li(&self, light: LightId, ng: Option<Vec3>, d: Vec3, at: Vec3, pdf_li: f32) -> f64 {
+        let (pdf_position, pdf_direction_w) = self.pdf_le(light, ng, d);
+        // Area per solid angle seen from `at` over area per solid angle seen from the light; the squared distance cancels unless
+        // there is no area.
+        let spread = match self.all[light.0 as usize] {
+            Light::Point { position, .. } => at.distance_squared(position),
+            Light::Environment => 1.0,
+            Light::Triangle { .. } | Light::Rectangle(_) | Light::Analytic { .. } => {
+                ng.map_or(1.0, |ng| ng.dot(d).abs())
+            }
+        };
+        f64::from(pdf_position) * f64::from(pdf_direction_w) / (f64::from(pdf_li) * f64::from(spread))
     }
 }
 
