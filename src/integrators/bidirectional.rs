@@ -247,14 +247,13 @@ impl<Q: RayQuery, O: PathObserver> EyePath<'_, '_, Q, O> {
 
     /// Strategies (s, t) with `s` of at least 2.
     fn connect_all(&mut self, end: &EyeVertex, max_depth: u32) {
-        for i in 0..self.scratch.light_vertices.len() {
-            let light = self.scratch.light_vertices[i];
-            // s + t - 1 segments, where t = depth + 1. The vertices are in order.
-            if light.s + end.depth > max_depth {
-                break;
-            }
-            self.connect(end, &light);
+        // The vertices are lent out, so that nothing is copied.
+        let vertices = std::mem::take(&mut self.scratch.light_vertices);
+        // s + t - 1 segments, where t = depth + 1. The vertices are in order.
+        for light in vertices.iter().take_while(|light| light.s + end.depth <= max_depth) {
+            self.connect(end, light);
         }
+        self.scratch.light_vertices = vertices;
     }
 
     fn connect(&mut self, end: &EyeVertex, light: &LightVertex) {

@@ -96,11 +96,18 @@ impl SurfaceVertex {
     /// [`eval`](Self::eval) with the densities both ways; `None` where nothing is scattered.
     #[inline]
     pub fn evaluate(&self, wi: Vec3, mode: TransportMode) -> Option<Evaluation> {
-        let f = self.eval(wi, mode);
-        (f != Rgb::ZERO).then(|| Evaluation {
-            f,
-            pdf_w: self.pdf_w(wi, mode),
-            pdf_rev_w: self.pdf_rev_w(wi, mode),
+        let wi_local = self.frame.to_local(wi);
+        if !self.sides_agree(wi, wi_local) || !self.sides_agree(self.wo, self.wo_local) {
+            return None;
+        }
+        let f = self.bsdf.eval(self.wo_local, wi_local, mode);
+        if f == Rgb::ZERO {
+            return None;
+        }
+        Some(Evaluation {
+            f: f * (wi_local.z.abs() * self.correction(wi, wi_local, mode)),
+            pdf_w: self.bsdf.pdf(self.wo_local, wi_local, mode),
+            pdf_rev_w: self.bsdf.pdf(wi_local, self.wo_local, mode.other()),
         })
     }
 
