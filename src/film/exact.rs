@@ -27,16 +27,21 @@ impl Quantum {
         power_of_two(self.log2)
     }
 
+    /// One over the quantum: a factor that changes no digit of a number.
+    #[inline]
+    pub fn per_unit(self) -> f64 {
+        power_of_two(-self.log2)
+    }
+
     /// `x` in quanta, to nearest, ties to even. What does not fit (2^126 quanta or more, infinities, NaN) becomes the
     /// greatest or least value, which [`ExactSum`] takes for infinite.
     #[inline]
     pub fn round(self, x: f64) -> i128 {
         // Of numbers below 2^52 adding and subtracting it leaves an integer, rounded to nearest, ties to even; greater ones are integers.
         const ROUNDER: f64 = 4_503_599_627_370_496.0;
-        const MAX_SMALL: f64 = 4e18;
-        let y = x * power_of_two(-self.log2);
+        let y = x * self.per_unit();
         let magnitude = y.abs();
-        if magnitude < MAX_SMALL {
+        if magnitude < ExactSum::SMALL {
             let rounded = if magnitude < ROUNDER { (magnitude + ROUNDER) - ROUNDER } else { magnitude };
             return i128::from(rounded.copysign(y) as i64);
         }
@@ -103,6 +108,22 @@ impl ExactSum {
         // What is in range cannot wrap around. An infinite sum is 2^126 away from the range, so no term brings it back.
         let sum = self.0.wrapping_add(quanta);
         if in_range(sum) & in_range(quanta) {
+            self.0 = sum;
+            return false;
+        }
+        self.overflow(quanta)
+    }
+
+    /// Bound for [`add_small`](Self::add_small).
+    pub(super) const SMALL: f64 = 4e18;
+
+    /// Adds a number of quanta below [`SMALL`](Self::SMALL) in magnitude, rounded towards zero. Whether the sum became infinite by it.
+    #[inline]
+    #[must_use]
+    pub(super) fn add_small(&mut self, quanta: f64) -> bool {
+        let quanta = i128::from(quanta as i64);
+        let sum = self.0.wrapping_add(quanta);
+        if in_range(sum) {
             self.0 = sum;
             return false;
         }

@@ -8,6 +8,7 @@ use super::samples::Splat;
 use crate::scene::PixelRect;
 use glam::IVec2;
 use rayon::prelude::*;
+use std::ops::Range;
 
 /// Adds splats to sums of three per pixel of a crop window, without renormalisation at its borders. Returns the number
 /// of sums that left their range.
@@ -73,19 +74,40 @@ impl<'a> SplatTarget<'a> {
         self.filter.weights(jitter.x, &mut self.x);
         self.filter.weights(jitter.y, &mut self.y);
         let first = corner.as_ivec2() - self.filter.border() as i32 - self.min;
-        let mut overflows = 0;
+        let (xs, ys) = (taps_within(first.x, &self.x, self.size.x), taps_within(first.y, &self.y, self.size.y));
         let radiance = splat.radiance.to_array().map(f64::from);
-        // A filter reaches one pixel less than it has taps, unless the splat is in the middle of a pixel.
-        let reached = |(at, weight): &(i32, &f64), size: i32| (0..size).contains(at) && **weight != 0.0;
-        for (y, wy) in (first.y..).zip(&self.y).filter(|tap| reached(tap, self.size.y)) {
-            for (x, wx) in (first.x..).zip(&self.x).filter(|tap| reached(tap, self.size.x)) {
-                let weight = wx * wy;
-                let pixel = (y as usize * self.size.x as usize + x as usize) * 3;
-                for (sum, value) in self.sums[pixel..pixel + 3].iter_mut().zip(radiance) {
-                    overflows += u64::from(sum.add(self.quantum.round(weight * value)));
+        let quanta = radiance.map(|value| value * self.quantum.per_unit());
+        let greatest = |values: &[f64]| values.iter().fold(0.0, |most: f64, value| most.max(value.abs()));
+        // Nearly all splats are so small that a cheaper conversion does.
+        let is_small = greatest(&quanta) * greatest(&self.x) * greatest(&self.y) < ExactSum::SMALL;
+        let mut overflows = 0;
+        for y in ys {
+            let row = (first.y + y as i32) as usize * self.size.x as usize;
+            let start = row + (first.x + xs.start as i32) as usize;
+            let pixels = self.sums[start * 3..(start + xs.len()) * 3].chunks_exact_mut(3);
+            for (pixel, wx) in pixels.zip(&self.x[xs.clone()]) {
+                let weight = wx * self.y[y];
+                if is_small {
+                    for (sum, value) in pixel.iter_mut().zip(quanta) {
+                        overflows += u64::from(sum.add_small(weight * value));
+                    }
+                } else {
+                    for (sum, value) in pixel.iter_mut().zip(radiance) {
+                        overflows += u64::from(sum.add(self.quantum.round(weight * value)));
+                    }
                 }
             }
         }
         overflows
     }
+}
+
+/// The taps that reach pixels from 0 to `size`, the first tap being at pixel `first`. A filter reaches one pixel less than it has taps unless the
+/// splat is in the middle of a pixel; weights of 0 at the ends are left out.
+fn taps_within(first: i32, weights: &[f64], size: i32) -> Range<usize> {
+    let leading = weights.iter().take_while(|weight| **weight == 0.0).count();
+    let trailing = weights.iter().rev().take_while(|weight| **weight == 0.0).count();
+    let low = leading.max((-first).max(0) as usize);
+    let high = (weights.len() - trailing.min(weights.len())).min((size - first).max(0) as usize);
+    low..high.max(low)
 }
