@@ -19,3 +19,14 @@ pub(crate) fn on_each_backend(shapes: &[Shape], test: &impl BackendTest) {
     }
     test.run("obvhs", &ObvhsQuery::new(shapes, BuildQuality::default()));
 }
+
+/// Where a test is about what is above the queries, one backend is enough.
+pub(crate) fn on_first_backend(shapes: &[Shape], test: &impl BackendTest) {
+    #[cfg(feature = "embree")]
+    {
+        use helmholtz::query::embree::{EmbreeQuery, EmbreeSettings};
+        test.run("embree", &EmbreeQuery::new(shapes, EmbreeSettings::default()).expect("Embree"));
+    }
+    #[cfg(not(feature = "embree"))]
+    test.run("obvhs", &ObvhsQuery::new(shapes, BuildQuality::default()));
+}

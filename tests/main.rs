@@ -8,6 +8,8 @@ mod bsdf;
 mod camera;
 mod cli;
 mod film;
+mod images;
+mod integrators;
 mod lights;
 mod load;
 mod malformed;

@@ -11,69 +11,21 @@ use std::fs;
 use std::path::{Path, PathBuf};
 use std::process::Command;
 
-use helmholtz::film::{AovSet, Film};
 use helmholtz::integrators::Integrator;
 use helmholtz::query::RayQuery;
-use helmholtz::render::{Control, Stop, Target, render};
 use helmholtz::scene::Scene;
 use helmholtz::scene::load::{LoadOptions, load};
 use helmholtz::transport::World;
 
 use crate::backends::{BackendTest, on_each_backend};
+use crate::images::{Estimate, estimate, render_runs};
 
 const RUNS: usize = 16;
-const BLOCK: usize = 8;
 const BLOCK_LIMIT: f64 = 9.5;
 const IMAGE_LIMIT: f64 = 6.0;
 
 fn project(path: &str) -> PathBuf {
     Path::new(env!("CARGO_MANIFEST_DIR")).join(path)
-}
-
-/// A mean and its standard error.
-type Mean = (f64, f64);
-
-/// Means of blocks and of the image, with their standard errors; channels interleaved.
-struct Estimate {
-    blocks: Vec<Mean>,
-    image: Vec<Mean>,
-}
-
-fn mean_and_error(values: impl ExactSizeIterator<Item = f64> + Clone) -> Mean {
-    let n = values.len() as f64;
-    let mean = values.clone().sum::<f64>() / n;
-    let variance = values.map(|v| (v - mean).powi(2)).sum::<f64>() / (n - 1.0);
-    (mean, (variance / n).sqrt())
-}
-
-/// Means over blocks of one image, rows from the top, channels interleaved.
-fn block_means(image: &[[f32; 3]], width: usize) -> Vec<f64> {
-    let height = image.len() / width;
-    let mut means = Vec::new();
-    for top in (0..height).step_by(BLOCK) {
-        for left in (0..width).step_by(BLOCK) {
-            let (bottom, right) = ((top + BLOCK).min(height), (left + BLOCK).min(width));
-            let pixels = (top..bottom).flat_map(|y| &image[y * width + left..y * width + right]);
-            let sums =
-                pixels.fold([0.0; 3], |sums, pixel| std::array::from_fn(|c| sums[c] + f64::from(pixel[c])));
-            means.extend(sums.map(|sum: f64| sum / ((bottom - top) * (right - left)) as f64));
-        }
-    }
-    means
-}
-
-fn estimate(images: &[Vec<[f32; 3]>], width: usize) -> Estimate {
-    let blocks: Vec<Vec<f64>> = images.iter().map(|image| block_means(image, width)).collect();
-    let totals: Vec<[f64; 3]> = images
-        .iter()
-        .map(|image| {
-            std::array::from_fn(|c| image.iter().map(|p| f64::from(p[c])).sum::<f64>() / image.len() as f64)
-        })
-        .collect();
-    Estimate {
-        blocks: (0..blocks[0].len()).map(|i| mean_and_error(blocks.iter().map(|b| b[i]))).collect(),
-        image: (0..3).map(|c| mean_and_error(totals.iter().map(|t| t[c]))).collect(),
-    }
 }
 
 /// What `mitsuba_reference.py` wrote for a scene: every run's image.
@@ -98,56 +50,16 @@ struct Case<'a> {
     width: usize,
 }
 
-impl Case<'_> {
-    fn compare(&self, backend: &str, what: &str, ours: &[Mean], theirs: &[Mean], limit: f64) -> Vec<String> {
-        assert_eq!(ours.len(), theirs.len());
-        // Where neither has any variance (an even background), rounding is left.
-        let brightest = theirs.iter().fold(0.0_f64, |b, (mean, _)| b.max(mean.abs()));
-        let rounding = 1e-5 * brightest;
-        let differ = |(i, (a, b)): (usize, (&Mean, &Mean))| {
-            let error = a.1.hypot(b.1);
-            let excess = (a.0 - b.0).abs() - rounding;
-            (excess > limit * error).then(|| {
-                let t = (a.0 - b.0) / error;
-                format!(
-                    "{} on {backend}, {what} {i}: {:.6} but Mitsuba has {:.6}, {t:.1} errors apart",
-                    self.name, a.0, b.0
-                )
-            })
-        };
-        ours.iter().zip(theirs).enumerate().filter_map(differ).collect()
-    }
-}
-
 impl BackendTest for Case<'_> {
     fn run<Q: RayQuery>(&self, backend: &str, query: &Q) {
         let world = World::new(self.scene);
         let settings = &self.scene.integrator;
         let name = settings.name.as_deref().expect("the scenes name their integrator");
         let integrator = Integrator::new(name, &settings.parameters).expect("a known integrator");
-        let images: Vec<Vec<[f32; 3]>> = (0..RUNS as u64)
-            .map(|seed| {
-                let mut film = Film::new(&self.scene.film, AovSet::default(), world.lights.radiance_unit())
-                    .expect("a film");
-                let stop = Stop { passes: 0..self.scene.sample_count, time: None };
-                let target = Target { integrator, seed };
-                render(&world, query, &target, &mut film, &stop, |_| Control::Continue).expect("rendered");
-                assert!(film.dropped().is_none(), "{} dropped samples: {:?}", self.name, film.dropped());
-                let image = film.develop();
-                let [r, g, b] = ["R", "G", "B"].map(|c| image.floats(c).expect("a colour").to_vec());
-                (0..r.len()).map(|i| [r[i], g[i], b[i]]).collect()
-            })
-            .collect();
+        let images = render_runs(self.scene, &world, query, integrator, 0..RUNS as u64, self.scene.sample_count);
         let ours = estimate(&images, self.width);
-        let mut failures =
-            self.compare(backend, "image channel", &ours.image, &self.reference.image, IMAGE_LIMIT);
-        failures.extend(self.compare(
-            backend,
-            "block value",
-            &ours.blocks,
-            &self.reference.blocks,
-            BLOCK_LIMIT,
-        ));
+        let what = format!("{} on {backend} against Mitsuba", self.name);
+        let failures = ours.differences(self.reference, &what, IMAGE_LIMIT, BLOCK_LIMIT);
         let shown = failures.len().min(8);
         assert!(failures.is_empty(), "{} differences:\n{}", failures.len(), failures[..shown].join("\n"));
     }

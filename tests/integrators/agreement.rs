@@ -1,0 +1,105 @@
+//! All integrators have the same expectation, on every scene of `tests/scenes`, by blocks of pixels.
+//!
+//! What `path` cannot find (delta light through delta surfaces) is in none of these scenes. False-alarm rates are those of [`crate::images`],
+//! for at most 500 block values and 3 image values a scene: below 2e-4 for each scene and integrator.
+
+use std::path::Path;
+
+use helmholtz::integrators::Integrator;
+use helmholtz::query::RayQuery;
+use helmholtz::scene::load::{LoadOptions, load};
+use helmholtz::scene::{Filter, Scene};
+use helmholtz::transport::World;
+
+use crate::backends::{BackendTest, on_first_backend};
+use crate::images::{RUNS, estimate, render_runs};
+
+/// Parameters from text such as `max_depth=3,exponent=1`.
+pub(super) fn integrator(name: &str, parameters: &str) -> Integrator {
+    let parse = |p: &str| p.split_once('=').map(|(k, v)| (k.to_owned(), v.to_owned())).expect("key=value");
+    let parameters: Vec<_> = parameters.split(',').filter(|p| !p.is_empty()).map(parse).collect();
+    Integrator::new(name, &parameters).expect("a known integrator")
+}
+
+/// An integrator against another on a scene.
+pub(super) struct Versus<'a> {
+    pub(super) name: &'a str,
+    pub(super) scene: &'a Scene,
+    pub(super) tested: Integrator,
+    pub(super) reference: Integrator,
+    pub(super) passes: [u32; 2],
+}
+
+impl BackendTest for Versus<'_> {
+    fn run<Q: RayQuery>(&self, backend: &str, query: &Q) {
+        let world = World::new(self.scene);
+        let render = |integrator, first: u64, passes| {
+            let images =
+                render_runs(self.scene, &world, query, integrator, first..first + RUNS as u64, passes);
+            estimate(&images, self.scene.film.crop.size.x as usize)
+        };
+        let tested = render(self.tested, 100, self.passes[0]);
+        let reference = render(self.reference, 500, self.passes[1]);
+        let what = format!("{} on {backend}: {}", self.name, self.tested.describe());
+        let failures = tested.differences(&reference, &what, 6.0, 9.5);
+        let shown = failures.len().min(8);
+        assert!(failures.is_empty(), "{} differences:\n{}", failures.len(), failures[..shown].join("\n"));
+    }
+}
+
+fn scene(name: &str) -> Scene {
+    let path = Path::new(env!("CARGO_MANIFEST_DIR")).join("tests/scenes").join(name).with_extension("xml");
+    load(&path, &LoadOptions::default()).unwrap_or_else(|error| panic!("{error}")).scene
+}
+
+/// The scene's own limits of path length, for another integrator.
+fn lengths(scene: &Scene) -> String {
+    let of = |name: &str, value: &str| format!("{name}={value},");
+    scene.integrator.parameters.iter().map(|(name, value)| of(name, value)).collect()
+}
+
+fn compare(name: &str, tested: &[(&str, &str)], keep_filter: bool) {
+    let mut scene = scene(name);
+    if !keep_filter {
+        // No weights of samples then, whose ratio is biased in few passes.
+        scene.film.filter = Filter::Box;
+    }
+    let lengths = lengths(&scene);
+    for (integrator_name, parameters) in tested {
+        let versus = Versus {
+            name,
+            scene: &scene,
+            tested: integrator(integrator_name, &(lengths.clone() + parameters)),
+            reference: integrator("path", &lengths),
+            passes: [8, 24],
+        };
+        on_first_backend(&scene.shapes, &versus);
+    }
+}
+
+const BDPT: (&str, &str) = ("bdpt", "");
+const BALANCE: (&str, &str) = ("bdpt", "exponent=1");
+const FORWARD: (&str, &str) = ("ptracer", "");
+
+macro_rules! agreements {
+    ($($test:ident: $scene:literal, $tested:expr, $keep_filter:literal;)*) => {
+        $(#[test] fn $test() { compare($scene, $tested, $keep_filter); })*
+    };
+}
+
+agreements! {
+    area_cube: "area-cube", &[BDPT, FORWARD], false;
+    area_disk_cylinder: "area-disk-cylinder", &[BDPT, BALANCE, FORWARD], false;
+    area_mesh: "area-mesh", &[BDPT, FORWARD], true;
+    area_rectangle: "area-rectangle", &[BDPT, BALANCE, FORWARD], true;
+    area_sphere: "area-sphere", &[BDPT, FORWARD], false;
+    conductor: "conductor", &[BDPT], false;
+    dielectric: "dielectric", &[BDPT], false;
+    long_paths: "long-paths", &[BDPT, FORWARD], false;
+    point: "point", &[BDPT, FORWARD], false;
+    references: "references", &[BDPT, FORWARD], false;
+    roughconductor: "roughconductor", &[BDPT, FORWARD], false;
+    roughdielectric: "roughdielectric", &[BDPT, BALANCE, FORWARD], false;
+    thinlens: "thinlens", &[BDPT, BALANCE, FORWARD, ("ptracer", "connect=nee")], true;
+    transforms: "transforms", &[BDPT, FORWARD], false;
+}

@@ -1,0 +1,3 @@
+//! Forward and bidirectional path tracing: against the backward path tracer, against closed forms, and against themselves.
+
+mod agreement;
