@@ -5,8 +5,8 @@
 //! rounding of some 20 operations is allowed.
 
 use glam::Vec3;
-use helmholtz::integrators::{PathLength, Unobserved};
 use helmholtz::integrators::backward::Backward;
+use helmholtz::integrators::{PathLength, Unobserved};
 use helmholtz::query::{Ray, RayQuery};
 use helmholtz::sampling::Sampler;
 use helmholtz::scene::{Emitter, Geometry, Material, Microfacet, Rgb, Scene};

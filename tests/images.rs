@@ -88,7 +88,6 @@ pub(crate) fn estimate(images: &[Vec<[f32; 3]>], width: usize) -> Estimate {
     }
 }
 
-
 impl Estimate {
     /// What differs by more than `image_limit` or `block_limit` errors.
     pub(crate) fn differences(

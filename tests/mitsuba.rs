@@ -56,7 +56,8 @@ impl BackendTest for Case<'_> {
         let settings = &self.scene.integrator;
         let name = settings.name.as_deref().expect("the scenes name their integrator");
         let integrator = Integrator::new(name, &settings.parameters).expect("a known integrator");
-        let images = render_runs(self.scene, &world, query, integrator, 0..RUNS as u64, self.scene.sample_count);
+        let images =
+            render_runs(self.scene, &world, query, integrator, 0..RUNS as u64, self.scene.sample_count);
         let ours = estimate(&images, self.width);
         let what = format!("{} on {backend} against Mitsuba", self.name);
         let failures = ours.differences(self.reference, &what, IMAGE_LIMIT, BLOCK_LIMIT);

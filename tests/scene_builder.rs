@@ -83,3 +83,33 @@ pub(crate) fn mesh(positions: Vec<Vec3>, triangles: &[UVec3]) -> Geometry {
         TriangleMesh::new(positions, triangles, Vec::new(), Vec::new(), false).expect("a valid mesh"),
     )
 }
+
+/// Everything in a scene, the camera included, times a factor. Radiance stays; a point light's intensity grows by the square.
+pub(crate) fn scaled(mut scene: Scene, scale: f64) -> Scene {
+    for shape in &mut scene.shapes {
+        shape.geometry = match &shape.geometry {
+            Geometry::Mesh(mesh) => {
+                let positions = mesh.positions().iter().map(|p| (p.as_dvec3() * scale).as_vec3()).collect();
+                let (normals, uvs) = (mesh.normals().to_vec(), mesh.uvs().to_vec());
+                let (triangles, flip) = (mesh.triangles().to_vec(), mesh.flip_normals());
+                Geometry::Mesh(
+                    TriangleMesh::new(positions, triangles, normals, uvs, flip).expect("a valid mesh"),
+                )
+            }
+            Geometry::Analytic(analytic) => {
+                let to_world = DAffine3::from_scale(DVec3::splat(scale)) * *analytic.to_world();
+                let analytic = AnalyticShape::new(analytic.kind(), to_world, analytic.flip_normals());
+                Geometry::Analytic(analytic.expect("a proper shape"))
+            }
+        };
+    }
+    for emitter in &mut scene.emitters {
+        if let Emitter::Point { position, intensity } = emitter {
+            *position *= scale as f32;
+            *intensity *= (scale * scale) as f32;
+        }
+    }
+    // The lens is given in camera units.
+    scene.camera.to_world = DAffine3::from_scale(DVec3::splat(scale)) * scene.camera.to_world;
+    scene
+}

@@ -30,12 +30,8 @@ pub(super) fn describe<Q: RayQuery>(
         let mut printer = Printer { world, text: format!("pixel {},{} pass {index}\n", pixel.x, pixel.y) };
         let sample = sample_pixel(&pass, target.integrator, pixel, &mut scratch, &mut printer);
         text += &printer.text;
-        let _ = writeln!(
-            text,
-            "  = {} at {:?} of the pixel\n",
-            show(sample.radiance),
-            sample.jitter.to_array()
-        );
+        let _ =
+            writeln!(text, "  = {} at {:?} of the pixel\n", show(sample.radiance), sample.jitter.to_array());
         for slot in 0..pass.light_paths() {
             scratch.splats.clear();
             trace_light_path(&pass, target.integrator, slot, &mut scratch, &mut Unobserved);

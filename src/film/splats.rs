@@ -74,7 +74,8 @@ impl<'a> SplatTarget<'a> {
         self.filter.weights(jitter.x, &mut self.x);
         self.filter.weights(jitter.y, &mut self.y);
         let first = corner.as_ivec2() - self.filter.border() as i32 - self.min;
-        let (xs, ys) = (taps_within(first.x, &self.x, self.size.x), taps_within(first.y, &self.y, self.size.y));
+        let (xs, ys) =
+            (taps_within(first.x, &self.x, self.size.x), taps_within(first.y, &self.y, self.size.y));
         let radiance = splat.radiance.to_array().map(f64::from);
         let quanta = radiance.map(|value| value * self.quantum.per_unit());
         let greatest = |values: &[f64]| values.iter().fold(0.0, |most: f64, value| most.max(value.abs()));

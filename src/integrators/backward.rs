@@ -86,7 +86,8 @@ impl Backward {
             let set = SETS_PER_VERTEX * (depth - 1);
             if !vertex.bsdf.is_delta() {
                 let [choice, u, v, _] = sampler.block(set + LIGHT_SET);
-                let (light, traced) = sample_light(world, query, &walk, &vertex, depth, [choice, u, v], observer);
+                let (light, traced) =
+                    sample_light(world, query, &walk, &vertex, depth, [choice, u, v], observer);
                 radiance += light;
                 rays += traced;
             }

@@ -11,9 +11,10 @@
 
 use glam::{IVec2, Vec3};
 
-use super::light_path::{LightPaths, LightVertex};
+use super::light_path::{self, LightVertex};
 use super::parameters::{PathLength, bad, unknown};
 use super::pass::{Pass, Scratch};
+use super::weights::Weights;
 use super::{IntegratorError, PathObserver, Strategy};
 use crate::query::{Ray, RayQuery};
 use crate::sampling::Sampler;
@@ -50,7 +51,6 @@ struct EyeVertex<'a> {
     partials: Partials,
     /// Segments up to here; the vertex is the path's `t = depth + 1`.
     depth: u32,
-    cos_in: f32,
 }
 
 impl Bidirectional {
@@ -93,14 +93,18 @@ impl Bidirectional {
         scratch: &mut Scratch,
         observer: &mut O,
     ) {
-        let paths = LightPaths {
-            length: self.length,
-            connect: true,
-            hit: true,
-            with_eye_paths: true,
+        light_path::trace(pass, self.length, &self.weights(pass), slot, scratch, observer);
+    }
+
+    fn weights<'a, 's, Q>(&self, pass: &Pass<'a, 's, Q>) -> Weights<'a, 's> {
+        Weights {
+            world: pass.world,
             heuristic: self.heuristic,
-        };
-        paths.trace(pass, slot, scratch, observer);
+            light_paths: pass.light_paths() as f64,
+            has_eye_paths: true,
+            connects_lens: true,
+            hits_lens: !pass.world.camera.is_delta(),
+        }
     }
 
     /// Radiance that arrives along `camera_ray`, a ray of `pixel`, but for what arrives as splats: those go to `scratch`.
@@ -113,14 +117,17 @@ impl Bidirectional {
         scratch: &mut Scratch,
         observer: &mut O,
     ) -> Rgb {
-        self.trace_light_path(pass, pass.slot(pixel), scratch, observer);
-        EyePath { settings: self, pass, scratch, observer, radiance: Rgb::ZERO }.walk(camera_ray, sampler)
+        let weights = self.weights(pass);
+        light_path::trace(pass, self.length, &weights, pass.slot(pixel), scratch, observer);
+        let path = EyePath { weights, length: self.length, pass, scratch, observer, radiance: Rgb::ZERO };
+        path.walk(camera_ray, sampler)
     }
 }
 
 /// The eye subpath of a sample and what it has gathered.
 struct EyePath<'a, 's, Q, O> {
-    settings: &'a Bidirectional,
+    weights: Weights<'a, 's>,
+    length: PathLength,
     pass: &'a Pass<'a, 's, Q>,
     scratch: &'a mut Scratch,
     observer: &'a mut O,
@@ -129,10 +136,10 @@ struct EyePath<'a, 's, Q, O> {
 
 impl<Q: RayQuery, O: PathObserver> EyePath<'_, '_, Q, O> {
     fn walk(mut self, camera_ray: Ray, sampler: &Sampler) -> Rgb {
-        let h = self.settings.heuristic;
-        let max_depth = self.settings.length.limit();
+        let h = self.weights.heuristic;
+        let max_depth = self.length.limit();
         let mut walk = Walk::new(TransportMode::Radiance, camera_ray, Rgb::ONE);
-        let mut flight = self.leave_camera(&camera_ray);
+        let mut flight = self.weights.leave_camera(&camera_ray);
         let mut from = camera_ray.o;
         for depth in 1..=max_depth {
             self.scratch.rays += 1;
@@ -145,7 +152,7 @@ impl<Q: RayQuery, O: PathObserver> EyePath<'_, '_, Q, O> {
             self.observer.segment(walk.mode, depth, &walk.ray, Some((&vertex, hit.t)), walk.beta);
             let cos_in = vertex.cos(vertex.wo);
             let partials = h.arrive(flight, from.distance_squared(vertex.point.p), cos_in);
-            let end = EyeVertex { vertex: &vertex, beta: walk.beta, partials, depth, cos_in };
+            let end = EyeVertex { vertex: &vertex, beta: walk.beta, partials, depth };
             self.hit_light(&end, from);
             if depth == max_depth {
                 break;
@@ -158,26 +165,13 @@ impl<Q: RayQuery, O: PathObserver> EyePath<'_, '_, Q, O> {
             }
             let [lobe, u, v, roulette] = sampler.block(set + SCATTER_SET);
             let Some(scatter) = walk.scatter(&vertex, [lobe, u, v]) else { break };
-            if depth >= self.settings.length.rr_depth && !walk.survives(roulette) {
+            if depth >= self.length.rr_depth && !walk.survives(roulette) {
                 break;
             }
             flight = h.leave(&partials, &vertex.turn(cos_in, &scatter, walk.mode));
             from = vertex.point.p;
         }
         self.radiance
-    }
-
-    /// The sums where the camera ray sets out. Each strategy with a splat has as many samples for a pixel as there are light paths.
-    fn leave_camera(&self, ray: &Ray) -> Flight {
-        let (h, camera) = (self.settings.heuristic, &self.pass.world.camera);
-        let pdf = f64::from(camera.pdf_we_w(ray.o, ray.d)) / self.pass.light_paths() as f64;
-        let d_vc = if camera.is_delta() {
-            0.0
-        } else {
-            let cos = f64::from(camera.forward().dot(ray.d));
-            h.raise(cos * f64::from(camera.lens_area()) / pdf)
-        };
-        Flight { d_vcm: h.raise(1.0 / pdf), d_vc }
     }
 
     /// Adds a contribution to the sample. `others` is the sum over all other strategies relative to this one.
@@ -192,11 +186,7 @@ impl<Q: RayQuery, O: PathObserver> EyePath<'_, '_, Q, O> {
     fn hit_environment(&mut self, walk: &Walk, flight: Flight, depth: u32) {
         let lights = &self.pass.world.lights;
         let Some((light, emitted)) = lights.environment() else { return };
-        let h = self.settings.heuristic;
-        let partials = h.arrive(flight, 1.0, 1.0);
-        let (pdf_position, pdf_direction_w) = lights.pdf_le(light, None, -walk.ray.d);
-        let others = h.raise(f64::from(lights.pdf_environment())) * partials.d_vcm
-            + h.raise(f64::from(pdf_position) * f64::from(pdf_direction_w)) * partials.d_vc;
+        let others = self.weights.environment_hit_others(flight, light, walk.ray.d);
         self.add(0, depth, walk.beta * emitted, others);
     }
 
@@ -209,18 +199,8 @@ impl<Q: RayQuery, O: PathObserver> EyePath<'_, '_, Q, O> {
         if emitted == Rgb::ZERO {
             return;
         }
-        let h = self.settings.heuristic;
-        let (pdf_position, pdf_direction_w) = lights.pdf_le(light, Some(point.ng), end.vertex.wo);
-        let pdf_position = f64::from(pdf_position);
-        // What is seen directly, strategy (1, 1) finds from the start of a light path.
-        let pdf_connect = if end.depth == 1 {
-            pdf_position
-        } else {
-            let pdf_w = f64::from(lights.pdf_li(light, from, point, -end.vertex.wo));
-            pdf_w * f64::from(end.cos_in) / f64::from(from.distance_squared(point.p))
-        };
-        let others = h.raise(pdf_connect) * end.partials.d_vcm
-            + h.raise(pdf_position * f64::from(pdf_direction_w)) * end.partials.d_vc;
+        let (wo, is_first) = (end.vertex.wo, end.depth == 1);
+        let others = self.weights.light_hit_others(&end.partials, (light, point), wo, from, is_first);
         self.add(0, end.depth, end.beta * emitted, others);
     }
 
@@ -233,14 +213,7 @@ impl<Q: RayQuery, O: PathObserver> EyePath<'_, '_, Q, O> {
         if self.pass.query.occluded(&light.shadow_ray) {
             return;
         }
-        let h = self.settings.heuristic;
-        let at = end.vertex.point.p;
-        let pdf_ratio = lights.le_over_li(light.light, light.ng, -light.wi, at, light.pdf_w)
-            * f64::from(end.vertex.cos(light.wi));
-        let mut others = h.shorter(&end.partials, pdf_ratio, f64::from(scattered.pdf_rev_w));
-        if !light.is_delta {
-            others += h.raise(f64::from(scattered.pdf_w) / f64::from(light.pdf_w));
-        }
+        let others = self.weights.light_sampled_others((end.vertex, &end.partials), &light, &scattered);
         let value = end.beta * scattered.f * light.radiance / light.pdf_w;
         self.add(1, end.depth, value, others);
     }
@@ -267,12 +240,12 @@ impl<Q: RayQuery, O: PathObserver> EyePath<'_, '_, Q, O> {
         if self.pass.query.occluded(&shadow_ray) {
             return;
         }
-        let h = self.settings.heuristic;
-        let pdf_area = |pdf_w: f32, cos: f32| f64::from(pdf_w) * f64::from(cos) / f64::from(distance_squared);
-        let light_pdf = pdf_area(eye_side.pdf_w, light.vertex.cos(d));
-        let eye_pdf = pdf_area(light_side.pdf_w, end.vertex.cos(d));
-        let others = h.shorter(&light.partials, light_pdf, f64::from(light_side.pdf_rev_w))
-            + h.shorter(&end.partials, eye_pdf, f64::from(eye_side.pdf_rev_w));
+        let others = self.weights.connected_others(
+            (end.vertex, &end.partials, &eye_side),
+            (&light.vertex, &light.partials, &light_side),
+            d,
+            distance_squared,
+        );
         let value = end.beta * eye_side.f * light_side.f * light.beta / distance_squared;
         self.add(light.s, end.depth, value, others);
     }

@@ -5,9 +5,10 @@
 //! shows, so with a pinhole all of it is black. And light that never comes near what the camera sees is wasted,
 //! which makes it a bad choice for open worlds.
 
-use super::light_path::LightPaths;
+use super::light_path;
 use super::parameters::{PathLength, bad, unknown};
 use super::pass::{Pass, Scratch};
+use super::weights::Weights;
 use super::{IntegratorError, PathObserver};
 use crate::query::RayQuery;
 use crate::transport::mis::Heuristic;
@@ -71,13 +72,14 @@ impl Forward {
         scratch: &mut Scratch,
         observer: &mut O,
     ) {
-        let paths = LightPaths {
-            length: self.length,
-            connect: self.connect != Connect::Hit,
-            hit: self.connect != Connect::Nee,
-            with_eye_paths: false,
+        let weights = Weights {
+            world: pass.world,
             heuristic: Heuristic::Power,
+            light_paths: pass.light_paths() as f64,
+            has_eye_paths: false,
+            connects_lens: self.connect != Connect::Hit,
+            hits_lens: self.connect != Connect::Nee && !pass.world.camera.is_delta(),
         };
-        paths.trace(pass, slot, scratch, observer);
+        light_path::trace(pass, self.length, &weights, slot, scratch, observer);
     }
 }

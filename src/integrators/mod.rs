@@ -10,6 +10,7 @@ mod light_path;
 mod observer;
 mod parameters;
 mod pass;
+pub mod weights;
 
 pub use observer::{PathObserver, Strategy, Unobserved};
 pub use parameters::PathLength;
@@ -76,9 +77,7 @@ impl Integrator {
         match name {
             "path" | "backward" => Ok(Self::Backward(Backward::from_parameters(parameters)?)),
             "ptracer" | "forward" => Ok(Self::Forward(Forward::from_parameters(parameters)?)),
-            "bdpt" | "bidirectional" => {
-                Ok(Self::Bidirectional(Bidirectional::from_parameters(parameters)?))
-            }
+            "bdpt" | "bidirectional" => Ok(Self::Bidirectional(Bidirectional::from_parameters(parameters)?)),
             _ => Err(IntegratorError::UnknownName { name: name.to_owned() }),
         }
     }

@@ -60,9 +60,5 @@ pub(super) fn bad(parameter: &'static str, value: &str, expected: &'static str) 
 
 /// There is no such parameter.
 pub(super) fn unknown(integrator: &'static str, parameter: &str, known: &str) -> IntegratorError {
-    IntegratorError::UnknownParameter {
-        integrator,
-        parameter: parameter.to_owned(),
-        known: known.to_owned(),
-    }
+    IntegratorError::UnknownParameter { integrator, parameter: parameter.to_owned(), known: known.to_owned() }
 }

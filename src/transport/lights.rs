@@ -507,7 +507,9 @@ impl<'s> Lights<'s> {
     pub fn is_delta(&self, light: LightId) -> bool {
         match self.all[light.0 as usize] {
             Light::Point { .. } => true,
-            Light::Triangle { .. } | Light::Rectangle(_) | Light::Analytic { .. } | Light::Environment => false,
+            Light::Triangle { .. } | Light::Rectangle(_) | Light::Analytic { .. } | Light::Environment => {
+                false
+            }
         }
     }
 

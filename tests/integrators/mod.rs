@@ -1,3 +1,4 @@
 //! Forward and bidirectional path tracing: against the backward path tracer, against closed forms, and against themselves.
 
 mod agreement;
+mod weights;

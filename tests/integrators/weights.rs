@@ -1,0 +1,551 @@
+//! The weights of all strategies on the same explicit path.
+//!
+//! Paths are drawn from the camera, by scattering; their last vertex lies on a light, in the environment, or at a sampled light point. Each
+//! is then taken to pieces in all ways: for each strategy (s, t) the sums are carried along both subpaths by the code that renders, and
+//! the weight is compared with Veach's definition, from the densities of all strategies, each multiplied out in f64 vertex by
+//! vertex. Nothing is random about the comparison: the limit of 1e-5 covers the f32 of positions and densities.
+
+use glam::{UVec2, Vec2, Vec3};
+use helmholtz::integrators::weights::Weights;
+use helmholtz::query::{Hit, Ray, RayQuery};
+use helmholtz::scene::{
+    Emitter, Lens, Material, Microfacet, PixelRect, Rgb, Scene, SurfacePoint, TriangleMesh,
+};
+use helmholtz::transport::World;
+use helmholtz::transport::bsdf::TransportMode;
+use helmholtz::transport::camera::{CameraConnection, LensHit};
+use helmholtz::transport::lights::{LeSample, LiSample, LightId};
+use helmholtz::transport::mis::{Flight, Heuristic, Partials};
+use helmholtz::transport::vertex::{Scatter, SurfaceVertex};
+
+use crate::backends::{BackendTest, on_first_backend};
+use crate::scene_builder::{Build, diffuse, empty, quad, scaled, sphere};
+use crate::statistics::Random;
+
+const LIGHT_PATHS: f64 = 64.0;
+
+/// A vertex on a surface as both subpaths know it, and the event there if both neighbours belong to one subpath.
+struct Inner {
+    /// `wo` towards the light.
+    from_light: SurfaceVertex,
+    /// `wo` towards the eye.
+    from_eye: SurfaceVertex,
+    is_delta: bool,
+    /// Index of refraction on the light's side over that on the eye's side.
+    eta: f32,
+}
+
+/// Where a path begins.
+struct LightEnd {
+    light: LightId,
+    /// None for point lights and the environment.
+    point: Option<SurfacePoint>,
+    /// Position of a point light or of `point`.
+    p: Vec3,
+    /// Direction from the light to the next vertex.
+    d: Vec3,
+    is_infinite: bool,
+}
+
+/// A path from a light to the lens; `inner[0]` is next to the light.
+struct ExplicitPath {
+    light: LightEnd,
+    inner: Vec<Inner>,
+    lens: Vec3,
+}
+
+fn distance_squared(a: Vec3, b: Vec3) -> f64 {
+    a.as_dvec3().distance_squared(b.as_dvec3())
+}
+
+fn cos(n: Vec3, d: Vec3) -> f64 {
+    n.as_dvec3().dot(d.as_dvec3()).abs()
+}
+
+impl ExplicitPath {
+    /// Vertices, lens and light included.
+    fn len(&self) -> usize {
+        self.inner.len() + 2
+    }
+
+    /// Position of vertex `i`, counted from the light, 1 to `len - 1`; and 0 if the light is not infinitely far away.
+    fn p(&self, i: usize) -> Vec3 {
+        match i {
+            0 => self.light.p,
+            _ if i == self.len() - 1 => self.lens,
+            _ => self.inner[i - 1].from_eye.point.p,
+        }
+    }
+
+    /// Unit direction from vertex `i` to the next one towards the lens.
+    fn d(&self, i: usize) -> Vec3 {
+        if i == 0 { self.light.d } else { (self.p(i + 1) - self.p(i)).normalize() }
+    }
+
+    /// Density per area at vertex `to` of a direction with density `pdf_w` at its neighbour.
+    fn per_area(&self, world: &World, pdf_w: f64, from: usize, to: usize) -> f64 {
+        let d = self.d(from.min(to));
+        if to == 0 && self.light.is_infinite {
+            return pdf_w;
+        }
+        let cos = match to {
+            0 => self.light.point.map_or(1.0, |point| cos(point.ng, d)),
+            _ if to == self.len() - 1 => cos(world.camera.forward(), d),
+            _ => cos(self.inner[to - 1].from_eye.point.ng, d),
+        };
+        if from == 0 && self.light.is_infinite {
+            return pdf_w * cos;
+        }
+        pdf_w * cos / distance_squared(self.p(from), self.p(to))
+    }
+
+    /// Density with which a subpath from the light (or else from the lens) goes on at inner vertex `i`.
+    fn scattering(&self, i: usize, from_light: bool) -> f64 {
+        let inner = &self.inner[i - 1];
+        let (next, vertex, mode) = if from_light {
+            (self.d(i), &inner.from_light, TransportMode::Importance)
+        } else {
+            (-self.d(i - 1), &inner.from_eye, TransportMode::Radiance)
+        };
+        if !inner.is_delta {
+            return f64::from(vertex.pdf_w(next, mode));
+        }
+        // A delta: 1 seen from the light's side. From the other it is denser by how much solid angle shrinks: n^2 cos dw is conserved.
+        if from_light {
+            return 1.0;
+        }
+        let (cos_light, cos_eye) = (cos(vertex.point.ng, self.d(i - 1)), cos(vertex.point.ng, self.d(i)));
+        let eta = f64::from(inner.eta);
+        eta * eta * cos_light / cos_eye
+    }
+
+    fn is_delta(&self, i: usize) -> bool {
+        (1..self.len() - 1).contains(&i) && self.inner[i - 1].is_delta
+    }
+
+    /// Density times number of samples of strategy (s, t), by definition.
+    fn density(&self, world: &World, s: usize) -> f64 {
+        let n = self.len();
+        let t = n - s;
+        let lights = &world.lights;
+        let light_is_delta = lights.is_delta(self.light.light);
+        let exists = match (s, t) {
+            (0, _) => !light_is_delta,
+            (_, 0) => !world.camera.is_delta(),
+            _ => !self.is_delta(s - 1) && !self.is_delta(s),
+        };
+        if !exists || (n == 2 && light_is_delta) {
+            return 0.0;
+        }
+        let ng = self.light.point.map(|p| p.ng);
+        let (pdf_position, pdf_direction) = lights.pdf_le(self.light.light, ng, self.light.d);
+        let (pdf_position, pdf_direction) = (f64::from(pdf_position), f64::from(pdf_direction));
+        // Of the first vertex alone, and of the second given the first.
+        let (first, second) = if self.light.is_infinite {
+            (
+                f64::from(lights.pdf_environment()),
+                pdf_position * pdf_direction / f64::from(lights.pdf_environment()),
+            )
+        } else {
+            (pdf_position, pdf_direction)
+        };
+        let light_side = match s {
+            0 => 1.0,
+            1 if t == 1 || light_is_delta || self.light.is_infinite => first,
+            1 => match &self.light.point {
+                Some(point) => {
+                    let pdf_w = lights.pdf_li(self.light.light, self.p(1), point, -self.light.d);
+                    self.per_area(world, f64::from(pdf_w), 1, 0)
+                }
+                None => unreachable!("a light that is no point, not infinite and no surface"),
+            },
+            _ => {
+                let start = first * self.per_area(world, second, 0, 1);
+                (1..s - 1)
+                    .map(|i| self.per_area(world, self.scattering(i, true), i, i + 1))
+                    .fold(start, |product, pdf| product * pdf)
+            }
+        };
+        let area = f64::from(world.camera.lens_area());
+        let eye_side = match t {
+            0 => 1.0,
+            1 => 1.0 / area,
+            _ => {
+                let pdf_w = f64::from(world.camera.pdf_we_w(self.lens, -self.d(n - 2)));
+                let start = self.per_area(world, pdf_w, n - 1, n - 2) / area;
+                (s + 1..n - 1)
+                    .map(|i| self.per_area(world, self.scattering(i, false), i, i - 1))
+                    .fold(start, |product, pdf| product * pdf)
+            }
+        };
+        light_side * eye_side * if t < 2 { LIGHT_PATHS } else { 1.0 }
+    }
+
+    /// The sums at the end of the light subpath with `s` vertices, at least 2. The last may be the lens.
+    fn light_partials(&self, weights: &Weights, start: &LeSample, s: usize) -> Partials {
+        let h = weights.heuristic;
+        let n = self.len();
+        let cos_at = |i: usize| {
+            let d = self.d(i - 1);
+            let n = if i == n - 1 {
+                weights.world.camera.forward()
+            } else {
+                self.inner[i - 1].from_light.point.ng
+            };
+            n.dot(d).abs()
+        };
+        let mut partials = weights.first_light_vertex(start, self.p(1), cos_at(1), n == 2);
+        for i in 1..s - 1 {
+            let inner = &self.inner[i - 1];
+            let scatter = self.scatter(i, &inner.from_light, self.d(i), TransportMode::Importance);
+            let turn = inner.from_light.turn(cos_at(i), &scatter, TransportMode::Importance);
+            let flight = h.leave(&partials, &turn);
+            partials = h.arrive(flight, self.p(i).distance_squared(self.p(i + 1)), cos_at(i + 1));
+        }
+        partials
+    }
+
+    fn scatter(&self, i: usize, vertex: &SurfaceVertex, wi: Vec3, mode: TransportMode) -> Scatter {
+        let inner = &self.inner[i - 1];
+        let eta = if mode == TransportMode::Radiance { inner.eta } else { 1.0 / inner.eta };
+        Scatter { wi, weight: Rgb::ONE, pdf_w: vertex.pdf_w(wi, mode), is_delta: inner.is_delta, eta }
+    }
+
+    /// What leaves the last vertex but one of an eye subpath that ends at vertex `s`.
+    fn eye_flight(&self, weights: &Weights, s: usize) -> Flight {
+        let n = self.len();
+        let (h, mode) = (weights.heuristic, TransportMode::Radiance);
+        let mut flight = weights.leave_camera(&Ray::new(self.lens, -self.d(n - 2)));
+        for i in (s + 1..n - 1).rev() {
+            let vertex = &self.inner[i - 1].from_eye;
+            let cos_in = vertex.cos(self.d(i));
+            let partials = h.arrive(flight, self.p(i).distance_squared(self.p(i + 1)), cos_in);
+            let scatter = self.scatter(i, vertex, -self.d(i - 1), mode);
+            flight = h.leave(&partials, &vertex.turn(cos_in, &scatter, mode));
+        }
+        flight
+    }
+
+    fn eye_partials(&self, weights: &Weights, s: usize) -> Partials {
+        let ng = match s {
+            0 => self.light.point.expect("a surface").ng,
+            _ => self.inner[s - 1].from_eye.point.ng,
+        };
+        let flight = self.eye_flight(weights, s);
+        let distance_squared = self.p(s).distance_squared(self.p(s + 1));
+        weights.heuristic.arrive(flight, distance_squared, ng.dot(self.d(s)).abs())
+    }
+
+    /// The start of a light path as it would have been drawn.
+    fn start(&self, world: &World) -> LeSample {
+        let ng = self.light.point.map(|p| p.ng);
+        let (pdf_position, pdf_direction_w) = world.lights.pdf_le(self.light.light, ng, self.light.d);
+        LeSample {
+            light: self.light.light,
+            ray: Ray::new(self.light.p, self.light.d),
+            point: self.light.point,
+            radiance: Rgb::ONE,
+            cos: ng.map_or(1.0, |ng| ng.dot(self.light.d)),
+            pdf_position,
+            pdf_direction_w,
+        }
+    }
+
+    /// The weight of strategy (s, t) as the renderer computes it.
+    fn weight(&self, weights: &Weights, s: usize) -> f64 {
+        let world = weights.world;
+        let (n, start) = (self.len(), self.start(world));
+        let t = n - s;
+        let connection = |i: usize| {
+            if i == 0 && self.light.is_infinite {
+                world.camera.sample_distant(-self.d(0), Vec2::ZERO).expect("in front").0
+            } else {
+                world.camera.sample_wi(self.p(i), Vec2::ZERO).expect("in front")
+            }
+        };
+        // The lens point is that of the path, not the one that is sampled.
+        let connection = |i: usize| {
+            let d = -self.d(i);
+            let (importance, film) = world.camera.we(self.lens, d).expect("in front");
+            CameraConnection {
+                p: self.lens,
+                d,
+                importance,
+                film,
+                cos: d.dot(world.camera.forward()),
+                ..connection(i)
+            }
+        };
+        let others = match (s, t) {
+            (0, _) if self.light.is_infinite => {
+                weights.environment_hit_others(self.eye_flight(weights, 0), self.light.light, -self.light.d)
+            }
+            (0, _) => {
+                let point = self.light.point.expect("a surface");
+                let partials = self.eye_partials(weights, 0);
+                weights.light_hit_others(
+                    &partials,
+                    (self.light.light, &point),
+                    self.light.d,
+                    self.p(1),
+                    n == 2,
+                )
+            }
+            (_, 0) => {
+                let partials = self.light_partials(weights, &start, s);
+                let c = connection(s - 2);
+                let lens = LensHit { film: c.film, t: 0.0, importance: c.importance, cos: c.cos };
+                weights.lens_hit_others(&partials, &lens)
+            }
+            (1, 1) => weights.start_seen_others(&start, &connection(0)),
+            (1, _) => {
+                let vertex = &self.inner[0].from_eye;
+                let scattered = vertex.evaluate(-self.light.d, TransportMode::Radiance).expect("light");
+                let light = world.lights.sample_li(&vertex.point, [0.5; 3]);
+                let light = LiSample {
+                    light: self.light.light,
+                    wi: -self.light.d,
+                    ng: self.light.point.map(|p| p.ng),
+                    pdf_w: world.lights.pdf_li_of_start(&start, vertex.point.p),
+                    is_delta: world.lights.is_delta(self.light.light),
+                    radiance: Rgb::ONE,
+                    shadow_ray: light.map_or(start.ray, |l| l.shadow_ray),
+                };
+                weights.light_sampled_others((vertex, &self.eye_partials(weights, 1)), &light, &scattered)
+            }
+            (_, 1) => {
+                let vertex = &self.inner[s - 2].from_light;
+                let scattered = vertex.evaluate(self.d(s - 1), TransportMode::Importance).expect("light");
+                let partials = self.light_partials(weights, &start, s);
+                weights.lens_sampled_others((vertex, &partials), &connection(s - 1), &scattered)
+            }
+            _ => {
+                let (eye, light) = (&self.inner[s - 1].from_eye, &self.inner[s - 2].from_light);
+                let d = self.d(s - 1);
+                let eye_side = eye.evaluate(-d, TransportMode::Radiance).expect("light");
+                let light_side = light.evaluate(d, TransportMode::Importance).expect("light");
+                weights.connected_others(
+                    (eye, &self.eye_partials(weights, s), &eye_side),
+                    (light, &self.light_partials(weights, &start, s), &light_side),
+                    d,
+                    self.p(s - 1).distance_squared(self.p(s)),
+                )
+            }
+        };
+        1.0 / (1.0 + others)
+    }
+
+    /// Compares all weights with their definition.
+    fn check(&self, name: &str, world: &World, heuristic: Heuristic) {
+        let weights = Weights {
+            world,
+            heuristic,
+            light_paths: LIGHT_PATHS,
+            has_eye_paths: true,
+            connects_lens: true,
+            hits_lens: !world.camera.is_delta(),
+        };
+        let densities: Vec<f64> = (0..=self.len()).map(|s| self.density(world, s)).collect();
+        let greatest = densities.iter().copied().fold(0.0, f64::max);
+        let raised: Vec<f64> = densities.iter().map(|p| heuristic.raise(p / greatest)).collect();
+        let sum: f64 = raised.iter().sum();
+        let mut total = 0.0;
+        for (s, raised) in raised.iter().enumerate().filter(|(_, raised)| **raised > 0.0) {
+            let (weight, expected) = (self.weight(&weights, s), raised / sum);
+            total += weight;
+            let t = self.len() - s;
+            assert!(
+                (weight - expected).abs() < 1e-5,
+                "{name}, {heuristic:?}: strategy ({s}, {t}) has weight {weight}, expected {expected}; {densities:?}"
+            );
+        }
+        assert!((total - 1.0).abs() < 1e-5, "{name}: weights sum to {total}; {densities:?}");
+    }
+}
+
+/// A vertex of an eye path that is being drawn, with the event that led on from it.
+struct Drawn {
+    vertex: SurfaceVertex,
+    hit: Hit,
+    is_delta: bool,
+    eta: f32,
+}
+
+/// Puts a path together from the light's end and vertices counted from the eye.
+fn assemble(scene: &Scene, light: LightEnd, drawn: Vec<Drawn>, lens: Vec3) -> ExplicitPath {
+    // Directions from the positions themselves: a spawned ray starts a little beside its vertex.
+    let seen_by = |hit: &Hit, p: Vec3, d: Vec3| SurfaceVertex::new(scene, &Hit { t: 0.0, ..*hit }, &Ray::new(p, d));
+    let positions: Vec<Vec3> =
+        std::iter::once(lens).chain(drawn.iter().map(|drawn| drawn.vertex.point.p)).collect();
+    let mut inner = Vec::new();
+    for (i, Drawn { hit, is_delta, eta, .. }) in drawn.into_iter().enumerate() {
+        let p = positions[i + 1];
+        let from_eye = seen_by(&hit, p, (p - positions[i]).normalize());
+        let d = positions.get(i + 2).map_or(light.d, |next| (p - next).normalize());
+        inner.push(Inner { from_light: seen_by(&hit, p, d), from_eye, is_delta, eta });
+    }
+    inner.reverse();
+    ExplicitPath { light, inner, lens }
+}
+
+/// Draws a path from the camera and calls `found` wherever it meets a light, and once for a light point sampled at its last vertex.
+fn draw<Q: RayQuery>(world: &World, query: &Q, random: &mut Random, mut found: impl FnMut(ExplicitPath)) {
+    const GREATEST_LENGTH: usize = 6;
+    let (scene, lights) = (world.scene, &world.lights);
+    let film = random.uniform_2d() * scene.film.size.as_vec2();
+    let camera_ray = world.camera.spawn_ray(film, random.uniform_2d());
+    let mut ray = camera_ray;
+    let mut drawn: Vec<Drawn> = Vec::new();
+    // A path is taken to pieces once, since its vertices are not copied: the last chance is chosen beforehand.
+    let length = 1 + (random.uniform() * GREATEST_LENGTH as f32) as usize;
+    while drawn.len() < length {
+        let Some(hit) = query.intersect(&ray) else {
+            if let Some((light, _)) = lights.environment() {
+                let end = LightEnd { light, point: None, p: Vec3::ZERO, d: -ray.d, is_infinite: true };
+                found(assemble(scene, end, drawn, camera_ray.o));
+            }
+            return;
+        };
+        let vertex = SurfaceVertex::new(scene, &hit, &ray);
+        if let Some(light) = lights.light_at(&vertex.point).filter(|_| vertex.point.ng.dot(ray.d) < 0.0) {
+            let point = vertex.point;
+            // From the vertices themselves: spawned rays start a little beside.
+            let from = drawn.last().map_or(camera_ray.o, |last| last.vertex.point.p);
+            let d = (from - point.p).normalize();
+            let end = LightEnd { light, point: Some(point), p: point.p, d, is_infinite: false };
+            found(assemble(scene, end, drawn, camera_ray.o));
+            return;
+        }
+        if drawn.len() + 1 == length {
+            let Some(sample) = lights.sample_li(&vertex.point, random.uniform_3d()) else { return };
+            let blocked = query.occluded(&sample.shadow_ray);
+            // Only point lights: the others are met by chance.
+            if !sample.is_delta || blocked || vertex.evaluate(sample.wi, TransportMode::Radiance).is_none() {
+                return;
+            }
+            let p = sample.shadow_ray.o + sample.shadow_ray.d * sample.shadow_ray.t_max;
+            let (light, d) = (sample.light, (vertex.point.p - p).normalize());
+            let end = LightEnd { light, point: None, p, d, is_infinite: false };
+            drawn.push(Drawn { vertex, hit, is_delta: false, eta: 1.0 });
+            found(assemble(scene, end, drawn, camera_ray.o));
+            return;
+        }
+        let Some(scatter) = vertex.scatter(random.uniform_3d(), TransportMode::Radiance) else { return };
+        drawn.push(Drawn { vertex, hit, is_delta: scatter.is_delta, eta: scatter.eta });
+        ray = Ray::spawn(&vertex.point, scatter.wi);
+    }
+}
+
+struct Case<'a> {
+    name: String,
+    scene: &'a Scene,
+    /// Size of the scene, beside that of [`room`].
+    scale: f64,
+}
+
+impl BackendTest for Case<'_> {
+    fn run<Q: RayQuery>(&self, _: &str, query: &Q) {
+        let world = World::new(self.scene);
+        let mut random = Random::new(7);
+        let mut lengths = [0; 9];
+        for _ in 0..100_000 {
+            draw(&world, query, &mut random, |path| {
+                // Where a path grazes a surface or a corner, the f32 of its own cosines is not good to 1e-5.
+                let is_grazing = (0..path.len() - 1).any(|i| {
+                    let n = |i: usize| path.inner.get(i.wrapping_sub(1)).map(|inner| inner.from_eye.point.ng);
+                    let is_short =
+                        i > 0 && distance_squared(path.p(i), path.p(i + 1)) < 0.01 * self.scale * self.scale;
+                    is_short || [n(i), n(i + 1)].into_iter().flatten().any(|n| cos(n, path.d(i)) < 0.02)
+                });
+                if !is_grazing {
+                    lengths[path.len()] += 1;
+                    path.check(&self.name, &world, Heuristic::Balance);
+                    path.check(&self.name, &world, Heuristic::Power);
+                }
+            });
+        }
+        assert!(lengths[3..7].iter().all(|&n| n > 50), "{}: too few paths, {lengths:?}", self.name);
+    }
+}
+
+/// A box of a room with a glass ball, a rough metal ball, a rough glass pane and a smooth-shaded ball.
+fn room() -> Scene {
+    let mut scene = empty();
+    let size = UVec2::splat(8);
+    scene.film.size = size;
+    scene.film.crop = PixelRect { min: UVec2::ZERO, size };
+    let glass =
+        Material::Dielectric { eta: 1.5, specular_reflectance: Rgb::ONE, specular_transmittance: Rgb::ONE };
+    let metal = Material::RoughConductor {
+        distribution: Microfacet::Ggx,
+        alpha: [0.15, 0.3],
+        eta: Rgb::splat(0.2),
+        k: Rgb::splat(3.0),
+        specular_reflectance: Rgb::ONE,
+    };
+    let pane = Material::RoughDielectric {
+        distribution: Microfacet::Beckmann,
+        alpha: [0.3; 2],
+        eta: 1.4,
+        specular_reflectance: Rgb::ONE,
+        specular_transmittance: Rgb::ONE,
+    };
+    let (positions, triangles) = crate::support::icosphere(2);
+    let normals: Vec<Vec3> = positions.iter().map(|p| p.as_vec3()).collect();
+    let positions = crate::support::placed(&positions, 0.5, glam::DVec3::new(0.9, 0.9, 4.4));
+    let smooth = TriangleMesh::new(positions, triangles, normals, Vec::new(), false).expect("a valid mesh");
+    scene = scene
+        .shape(quad(Vec3::new(-2.0, -1.5, 1.0), Vec3::Z * 5.0, Vec3::X * 4.0), diffuse(0.6), None)
+        .shape(quad(Vec3::new(-2.0, -1.5, 6.0), Vec3::Y * 3.0, Vec3::X * 4.0), diffuse(0.5), None)
+        .shape(quad(Vec3::new(2.0, -1.5, 1.0), Vec3::Z * 5.0, Vec3::Y * 3.0), diffuse(0.7), None)
+        .shape(sphere(Vec3::new(-0.8, -0.7, 4.0), 0.7), glass, None)
+        .shape(sphere(Vec3::new(0.9, -0.8, 4.6), 0.6), metal, None)
+        .shape(quad(Vec3::new(-1.2, 0.1, 3.0), Vec3::X * 1.5, Vec3::Y * 1.0), pane, None)
+        .shape(helmholtz::scene::Geometry::Mesh(smooth), diffuse(0.8), None);
+    scene
+}
+
+fn lamp(scene: Scene) -> Scene {
+    let corner = Vec3::new(-1.0, 1.4, 3.0);
+    scene.shape(quad(corner, Vec3::X * 2.0, Vec3::Z * 1.5), diffuse(0.0), Some(Rgb::splat(4.0)))
+}
+
+fn point_light(scene: Scene) -> Scene {
+    scene.emitter(Emitter::Point { position: Vec3::new(-0.3, 1.2, 3.0), intensity: Rgb::ONE })
+}
+
+fn environment(scene: Scene) -> Scene {
+    scene.emitter(Emitter::Constant { radiance: Rgb::splat(0.4) })
+}
+
+fn thin_lens(mut scene: Scene) -> Scene {
+    scene.camera.lens = Lens::Thin { aperture_radius: 0.2, focus_distance: 4.0 };
+    scene
+}
+
+#[test]
+fn weights_are_as_defined_and_sum_to_one() {
+    for (name, scene) in [
+        ("area light, pinhole", lamp(room())),
+        ("area light, lens", thin_lens(lamp(room()))),
+        ("point light, pinhole", point_light(room())),
+        ("point light, lens", thin_lens(point_light(room()))),
+        ("environment, pinhole", environment(room())),
+        ("environment, lens", thin_lens(environment(room()))),
+        ("all lights, lens", thin_lens(environment(point_light(lamp(room()))))),
+    ] {
+        let name = name.to_owned();
+        on_first_backend(&scene.shapes, &Case { name, scene: &scene, scale: 1.0 });
+    }
+}
+
+/// The same at other scales: every ratio is the same, so every weight is.
+#[test]
+fn weights_survive_scale() {
+    for exponent in [-6, 6] {
+        let scale = 10f64.powi(exponent);
+        let scene = scaled(thin_lens(point_light(lamp(room()))), scale);
+        let name = format!("scaled by 1e{exponent}");
+        on_first_backend(&scene.shapes, &Case { name, scene: &scene, scale });
+    }
+}
