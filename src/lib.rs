@@ -10,6 +10,7 @@
 //! |---|---|
 //! | [`cli`] | one file per subcommand; all printing to people happens there |
 //! | [`render`] | the driver: passes, threads, progress, stop conditions, checkpoints |
+//! | [`strategies`] | the driver for images of single strategies |
 //! | [`integrators`] | one file per algorithm |
 //! | [`transport`] | what integrators share: BSDFs, emitters, camera importance, subpath walk, MIS |
 //! | [`film`] | accumulation, reconstruction filters, AOVs, EXR and PNG output |
@@ -32,4 +33,5 @@ pub mod query;
 pub mod render;
 pub mod sampling;
 pub mod scene;
+pub mod strategies;
 pub mod transport;

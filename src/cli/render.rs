@@ -2,7 +2,7 @@
 
 use std::fmt::Write as _;
 use std::ops::Range;
-use std::path::PathBuf;
+use std::path::{Path, PathBuf};
 use std::sync::Arc;
 use std::sync::atomic::{AtomicBool, Ordering};
 use std::time::{Duration, Instant};
@@ -16,13 +16,17 @@ use super::parse::{self, Spec};
 use super::progress::Bar;
 use super::{CliError, EXIT_DONE, EXIT_INTERRUPTED, debug_pixel};
 use crate::film::state::{RenderIdentity, load_state, save_state};
-use crate::film::{Aov, AovSet, Film};
+use crate::film::{Aov, AovSet, Film, output};
 use crate::integrators::Integrator;
 use crate::query::{Backend, RayQuery};
 use crate::render::{Control, Progress, Stop, Target, render};
 use crate::scene::load::{LoadOptions, Loaded, load};
 use crate::scene::{PixelRect, Scene};
+use crate::strategies::{self, StrategyImages};
 use crate::transport::World;
+
+/// Greatest path length for --strategies: each strategy has two films.
+const MAX_STRATEGY_DEPTH: u32 = 10;
 
 /// Render a scene or a mesh to OpenEXR and PNG
 ///
@@ -36,6 +40,8 @@ use crate::transport::World;
   helmholtz render scenes/cornell-box.xml
   helmholtz render room.xml --time 5m -o room.exr
   helmholtz render room.xml --integrator path:max_depth=4 --spp 256
+  helmholtz render room.xml --integrator bdpt:max_depth=8 --time 10m
+  helmholtz render room.xml --integrator bdpt:max_depth=5 --size 256x256 --strategies pyramid
   helmholtz render room.xml --backend obvhs --size 640x360
   helmholtz render room.xml --passes 0..64 --save-state a.state    (on one machine)
   helmholtz render room.xml --passes 64..128 --save-state b.state  (on another)
@@ -71,7 +77,8 @@ pub(super) struct RenderArgs {
     /// obvhs (setting quality=low|medium|high)
     #[arg(long, value_name = "NAME:KEY=VALUE,...", value_parser = parse::spec)]
     backend: Option<Spec>,
-    /// Algorithm instead of the scene's: path (max_depth, rr_depth, hide_emitters)
+    /// Algorithm instead of the scene's: path, paths from the camera (max_depth, rr_depth, hide_emitters); ptracer, paths from the lights
+    /// (max_depth, rr_depth, connect=nee|hit|both); bdpt, both and their connections (max_depth, rr_depth, exponent=1|2)
     #[arg(long, value_name = "NAME:KEY=VALUE,...", value_parser = parse::spec)]
     integrator: Option<Spec>,
     /// Replace $NAME in the scene file
@@ -92,6 +99,10 @@ pub(super) struct RenderArgs {
     /// Print the paths of a pixel, vertex by vertex, instead of rendering; --passes says which (pass 0 by default)
     #[arg(long, value_name = "X,Y", value_parser = parse::pixel)]
     debug_pixel: Option<UVec2>,
+    /// Write what each strategy (s, t) contributes instead of the image: DIR/strategies.exr with layers weighted.sStT and unweighted.sStT, and
+    /// the contact sheets weighted.png and unweighted.png, path lengths from the top, s from the left. For paths of at most 10 segments
+    #[arg(long, value_name = "DIR", conflicts_with_all = ["resume", "save_state", "debug_pixel", "aov", "output"])]
+    strategies: Option<PathBuf>,
     /// No progress and no messages but errors
     #[arg(long)]
     quiet: bool,
@@ -199,6 +210,9 @@ impl Job<'_> {
         if let Some(pixel) = self.args.debug_pixel {
             return self.debug_pixel(&world, query, pixel);
         }
+        if let Some(folder) = &self.args.strategies {
+            return self.strategies(&world, query, folder);
+        }
         let identity = self.identity()?;
         let mut film = self.film(&world, &identity)?;
         let interrupted = stop_on_ctrl_c()?;
@@ -227,6 +241,40 @@ impl Job<'_> {
         let area = Film::new(&self.scene.film, AovSet::default(), 1.0)?.sampled_area();
         print!("{}", debug_pixel::describe(world, query, &self.target, area, pixel, passes));
         Ok(EXIT_DONE)
+    }
+
+    fn strategies<Q: RayQuery>(&self, world: &World, query: &Q, folder: &Path) -> Result<u8, CliError> {
+        if self.target.integrator.length().max_depth.is_none_or(|depth| depth > MAX_STRATEGY_DEPTH) {
+            return Err(format!(
+                "--strategies needs an integrator with max_depth of at most {MAX_STRATEGY_DEPTH}"
+            )
+            .into());
+        }
+        std::fs::create_dir_all(folder).map_err(|error| format!("{}: {error}", folder.display()))?;
+        let interrupted = stop_on_ctrl_c()?;
+        let start = Instant::now();
+        let mut strategies = StrategyImages::new(world);
+        for pass in self.args.pass_range(self.scene) {
+            let is_late = self.args.time.is_some_and(|limit| start.elapsed() >= limit);
+            if interrupted.load(Ordering::Relaxed) || (is_late && !strategies.is_empty()) {
+                break;
+            }
+            strategies.add_pass(world, query, &self.target, pass)?;
+        }
+        let images = strategies.develop();
+        let metadata = [("integrator".to_owned(), self.target.integrator.describe())];
+        let image =
+            strategies::layers(&images).ok_or("nothing reaches the film: there is no image to write")?;
+        let path = folder.join("strategies.exr");
+        output::write_exr(&path, &image, false, &metadata)?;
+        self.say(&[format!("wrote {}", path.display())]);
+        for (which, name) in ["weighted.png", "unweighted.png"].into_iter().enumerate() {
+            if let Some(sheet) = strategies::contact_sheet(&images, which) {
+                output::write_png(&folder.join(name), &sheet)?;
+                self.say(&[format!("wrote {}", folder.join(name).display())]);
+            }
+        }
+        Ok(if interrupted.load(Ordering::Relaxed) { EXIT_INTERRUPTED } else { EXIT_DONE })
     }
 
     fn say(&self, lines: &[String]) {
@@ -332,8 +380,8 @@ impl Report<'_> {
             return;
         }
         eprintln!(
-            "warning: dropped {} samples that were not finite, {} AOV records; {} sums overflowed",
-            dropped.samples, dropped.records, dropped.overflows
+            "warning: dropped {} samples and {} splats that were not finite, {} AOV records; {} sums overflowed",
+            dropped.samples, dropped.splats, dropped.records, dropped.overflows
         );
         for at in &dropped.examples {
             eprintln!(

@@ -1,5 +1,7 @@
 //! A developed image: named channels of plain numbers.
 
+use std::borrow::Cow;
+
 use crate::scene::PixelRect;
 use glam::UVec2;
 
@@ -18,7 +20,7 @@ pub enum Pixels {
 #[derive(Debug, Clone, PartialEq)]
 pub struct Channel {
     /// Name as in `OpenEXR`: `R`, `albedo.R`, `Z`.
-    pub name: &'static str,
+    pub name: Cow<'static, str>,
     /// One value per pixel of the crop window.
     pub pixels: Pixels,
 }

@@ -334,18 +334,18 @@ impl Film {
         for (i, (aov, name)) in ids.into_iter().enumerate() {
             if self.aovs.contains(aov) {
                 let pixels = Pixels::Integer(self.ids.iter().map(|ids| ids[i]).collect());
-                channels.push(Channel { name, pixels });
+                channels.push(Channel { name: name.into(), pixels });
             }
         }
         if let Some(at) = self.layout.kept {
             let count = |sums: &[ExactSum]| sums[at].value(COUNT) as u32;
             let pixels = Pixels::Integer(self.sums.par_chunks_exact(self.layout.stride).map(count).collect());
-            channels.push(Channel { name: "sampleCount", pixels });
+            channels.push(Channel { name: "sampleCount".into(), pixels });
         }
         if let Some(at) = self.layout.moments {
             for (c, name) in ["variance.R", "variance.G", "variance.B"].into_iter().enumerate() {
                 let pixels = Pixels::Float(self.per_pixel(|pixel| self.variance(pixel, at, c)));
-                channels.push(Channel { name, pixels });
+                channels.push(Channel { name: name.into(), pixels });
             }
         }
         Image { film_size: self.settings.size, crop: self.settings.crop, channels }
@@ -357,7 +357,7 @@ impl Film {
     }
 
     fn colour_channel(&self, name: &'static str, value: impl Fn(usize) -> f64 + Sync) -> Channel {
-        Channel { name, pixels: Pixels::Colour(self.per_pixel(value)) }
+        Channel { name: name.into(), pixels: Pixels::Colour(self.per_pixel(value)) }
     }
 
     fn averaged_channel(&self, slot: usize, averaged: &aov::Averaged) -> Channel {
@@ -370,7 +370,7 @@ impl Film {
             Aov::Albedo | Aov::GeometricNormal | Aov::ShadingNormal => {
                 self.colour_channel(averaged.channel, mean)
             }
-            _ => Channel { name: averaged.channel, pixels: Pixels::Float(self.per_pixel(mean)) },
+            _ => Channel { name: averaged.channel.into(), pixels: Pixels::Float(self.per_pixel(mean)) },
         }
     }
 

@@ -120,7 +120,7 @@ fn exr_channel(channel: &Channel, half: bool, clamped: &mut usize) -> AnyChannel
         Pixels::Colour(values) | Pixels::Float(values) => FlatSamples::F32(values.clone()),
         Pixels::Integer(values) => FlatSamples::U32(values.clone()),
     };
-    AnyChannel::new(channel.name, samples)
+    AnyChannel::new(channel.name.as_ref(), samples)
 }
 
 fn to_half(value: f32, clamped: &mut usize) -> f16 {

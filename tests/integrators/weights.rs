@@ -374,7 +374,8 @@ struct Drawn {
 /// Puts a path together from the light's end and vertices counted from the eye.
 fn assemble(scene: &Scene, light: LightEnd, drawn: Vec<Drawn>, lens: Vec3) -> ExplicitPath {
     // Directions from the positions themselves: a spawned ray starts a little beside its vertex.
-    let seen_by = |hit: &Hit, p: Vec3, d: Vec3| SurfaceVertex::new(scene, &Hit { t: 0.0, ..*hit }, &Ray::new(p, d));
+    let seen_by =
+        |hit: &Hit, p: Vec3, d: Vec3| SurfaceVertex::new(scene, &Hit { t: 0.0, ..*hit }, &Ray::new(p, d));
     let positions: Vec<Vec3> =
         std::iter::once(lens).chain(drawn.iter().map(|drawn| drawn.vertex.point.p)).collect();
     let mut inner = Vec::new();
