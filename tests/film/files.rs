@@ -88,7 +88,7 @@ fn half_floats_are_clamped_and_counted() {
     let path = directory.path().join("image.exr");
     let size = UVec2::new(6, 1);
     let values = vec![65504.0, 65505.0, 1e30, -1e30, f32::INFINITY, 6e-8];
-    let colour = |name| Channel { name, pixels: Pixels::Colour(values.clone()) };
+    let colour = |name: &'static str| Channel { name: name.into(), pixels: Pixels::Colour(values.clone()) };
     let image =
         Image { film_size: size, crop: PixelRect { min: UVec2::ZERO, size }, channels: vec![colour("Y")] };
     assert_eq!(write_exr(&path, &image, true, &[]).unwrap(), 4);
@@ -116,9 +116,9 @@ fn png_is_srgb() {
         (f32::NAN, 0),
     ];
     let size = UVec2::new(known.len() as u32, 1);
-    let channel = |name, scale: f32| {
+    let channel = |name: &'static str, scale: f32| {
         let pixels = Pixels::Colour(known.iter().map(|(v, _)| v * scale).collect());
-        Channel { name, pixels }
+        Channel { name: name.into(), pixels }
     };
     let image = Image {
         film_size: size,

@@ -97,7 +97,7 @@ fn a_crop_is_that_part_of_the_full_image() {
             for y in 0..part.y {
                 for x in 0..part.x {
                     let (a, b) = ((y * 20 + x) as usize, ((y + min.y) * 40 + x + min.x) as usize);
-                    let name = channel.name;
+                    let name = channel.name.as_ref();
                     let same = match (crop.floats(name), full.floats(name)) {
                         (Some(crop), Some(full)) => crop[a].to_bits() == full[b].to_bits(),
                         _ => crop.integers(name).unwrap()[a] == full.integers(name).unwrap()[b],

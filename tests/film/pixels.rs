@@ -284,7 +284,7 @@ fn aovs_are_means_over_hits_and_ids_of_the_lowest_pass() {
         let passes = [5, 3, 8, 12];
         render(&mut film, passes);
         let image = film.develop();
-        let names: Vec<_> = image.channels.iter().map(|c| c.name).collect();
+        let names: Vec<_> = image.channels.iter().map(|c| c.name.as_ref()).collect();
         assert_eq!(names[..3], ["R", "G", "B"]);
         for i in 0..30 {
             let pixel = IVec2::new(i % 6, i / 6);

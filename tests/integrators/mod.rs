@@ -1,4 +1,6 @@
 //! Forward and bidirectional path tracing: against the backward path tracer, against closed forms, and against themselves.
 
 mod agreement;
+mod forward;
+mod strategies;
 mod weights;
