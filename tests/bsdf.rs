@@ -73,14 +73,19 @@ fn prepare(materials: &[Material]) -> Bsdf {
 #[test]
 fn a_boundary_answers_from_both_sides() {
     let mut random = Random::new(77);
-    for material in [rough_glass(Microfacet::Ggx, [0.3, 0.5], 1.5), rough_glass(Microfacet::Beckmann, [0.2, 0.2], 0.7)] {
+    for material in
+        [rough_glass(Microfacet::Ggx, [0.3, 0.5], 1.5), rough_glass(Microfacet::Beckmann, [0.2, 0.2], 0.7)]
+    {
         let Bsdf { above, below } = prepare(&[material]);
         for _ in 0..1000 {
             let [wo, wi] = [(); 2].map(|()| square_to_sphere(random.uniform_2d()));
             for mode in MODES {
                 let values = [above, below].map(|b| b.eval(wo, wi, mode).extend(b.pdf(wo, wi, mode)));
                 // The index is inverted twice; 1e-4 is what the lobes make of that rounding.
-                assert!((values[0] - values[1]).abs().max_element() <= 1e-4 * values[0].max_element(), "{wo} {wi}");
+                assert!(
+                    (values[0] - values[1]).abs().max_element() <= 1e-4 * values[0].max_element(),
+                    "{wo} {wi}"
+                );
             }
         }
     }
