@@ -194,9 +194,8 @@ pub fn sample_pixel<Q: RayQuery, O: PathObserver>(
         }
         Integrator::Forward(_) => {
             scratch.rays += 1;
-            let hit = query.intersect(&ray).map(|hit| (SurfaceVertex::new(world.scene, &hit, &ray), hit.t));
-            let hit = hit.as_ref().map(|(vertex, t)| (vertex, *t));
-            observer.segment(TransportMode::Radiance, 1, &ray, hit, Rgb::ONE);
+            let vertex = query.intersect(&ray).map(|hit| SurfaceVertex::new(world.scene, &hit, &ray));
+            observer.segment(TransportMode::Radiance, 1, &ray, vertex.as_ref(), Rgb::ONE);
             Rgb::ZERO
         }
         Integrator::Bidirectional(bidirectional) => {
@@ -232,18 +231,18 @@ impl PathObserver for FirstHit<'_> {
         &mut self,
         mode: TransportMode,
         depth: u32,
-        _: &Ray,
-        hit: Option<(&SurfaceVertex, f32)>,
+        ray: &Ray,
+        vertex: Option<&SurfaceVertex>,
         _: Rgb,
     ) {
         if mode != TransportMode::Radiance || depth != 1 {
             return;
         }
-        *self.0 = match hit {
-            Some((vertex, t)) => AovRecord {
+        *self.0 = match vertex {
+            Some(vertex) => AovRecord {
                 shape: vertex.point.shape,
                 primitive: vertex.point.primitive,
-                depth: t,
+                depth: vertex.point.p.distance(ray.o),
                 position: vertex.point.p,
                 ng: vertex.point.ng,
                 ns: vertex.point.ns,

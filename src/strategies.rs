@@ -152,7 +152,7 @@ impl Recorder {
 }
 
 impl PathObserver for Recorder {
-    fn segment(&mut self, _: TransportMode, _: u32, _: &Ray, _: Option<(&SurfaceVertex, f32)>, _: Rgb) {}
+    fn segment(&mut self, _: TransportMode, _: u32, _: &Ray, _: Option<&SurfaceVertex>, _: Rgb) {}
 
     fn contribution(&mut self, strategy: Strategy, film: Option<Vec2>, value: Rgb, weight: f32) {
         if film.is_none() {

@@ -61,7 +61,7 @@ impl PathObserver for Printer<'_, '_> {
         mode: TransportMode,
         depth: u32,
         ray: &Ray,
-        hit: Option<(&SurfaceVertex, f32)>,
+        vertex: Option<&SurfaceVertex>,
         beta: Rgb,
     ) {
         let subpath = match mode {
@@ -76,17 +76,18 @@ impl PathObserver for Printer<'_, '_> {
             show(ray.d),
             show(beta)
         );
-        let _ = match hit {
-            Some((vertex, t)) => {
+        let _ = match vertex {
+            Some(vertex) => {
                 let point = &vertex.point;
                 let shape = &self.world.scene.shapes[point.shape as usize];
                 writeln!(
                     self.text,
-                    "     hits `{}` (shape {}, primitive {}) at {} after t {t}\n     ng {} ns {} p_err {:e}\n     {:?}",
+                    "     hits `{}` (shape {}, primitive {}) at {} after t {}\n     ng {} ns {} p_err {:e}\n     {:?}",
                     shape.name,
                     point.shape,
                     point.primitive,
                     show(point.p),
+                    point.p.distance(ray.o),
                     show(point.ng),
                     show(point.ns),
                     point.p_err,

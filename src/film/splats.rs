@@ -40,8 +40,8 @@ struct SplatTarget<'a> {
     size: IVec2,
     sums: &'a mut [ExactSum],
     /// Weights per axis.
-    x: Vec<f64>,
-    y: Vec<f64>,
+    x: Vec<f32>,
+    y: Vec<f32>,
 }
 
 impl<'a> SplatTarget<'a> {
@@ -78,16 +78,17 @@ impl<'a> SplatTarget<'a> {
             (taps_within(first.x, &self.x, self.size.x), taps_within(first.y, &self.y, self.size.y));
         let radiance = splat.radiance.to_array().map(f64::from);
         let quanta = radiance.map(|value| value * self.quantum.per_unit());
-        let greatest = |values: &[f64]| values.iter().fold(0.0, |most: f64, value| most.max(value.abs()));
+        let greatest = |values: &[f32]| values.iter().fold(0.0, |most: f32, value| most.max(value.abs()));
         // Nearly all splats are so small that a cheaper conversion does.
-        let is_small = greatest(&quanta) * greatest(&self.x) * greatest(&self.y) < ExactSum::SMALL;
+        let bound = quanta.iter().fold(0.0, |most: f64, value| most.max(value.abs()));
+        let is_small = bound * f64::from(greatest(&self.x)) * f64::from(greatest(&self.y)) < ExactSum::SMALL;
         let mut overflows = 0;
         for y in ys {
             let row = (first.y + y as i32) as usize * self.size.x as usize;
             let start = row + (first.x + xs.start as i32) as usize;
             let pixels = self.sums[start * 3..(start + xs.len()) * 3].chunks_exact_mut(3);
             for (pixel, wx) in pixels.zip(&self.x[xs.clone()]) {
-                let weight = wx * self.y[y];
+                let weight = f64::from(*wx) * f64::from(self.y[y]);
                 if is_small {
                     for (sum, value) in pixel.iter_mut().zip(quanta) {
                         overflows += u64::from(sum.add_small(weight * value));
@@ -105,7 +106,7 @@ impl<'a> SplatTarget<'a> {
 
 /// The taps that reach pixels from 0 to `size`, the first tap being at pixel `first`. A filter reaches one pixel less than it has taps unless the
 /// splat is in the middle of a pixel; weights of 0 at the ends are left out.
-fn taps_within(first: i32, weights: &[f64], size: i32) -> Range<usize> {
+fn taps_within(first: i32, weights: &[f32], size: i32) -> Range<usize> {
     let leading = weights.iter().take_while(|weight| **weight == 0.0).count();
     let trailing = weights.iter().rev().take_while(|weight| **weight == 0.0).count();
     let low = leading.max((-first).max(0) as usize);

@@ -40,8 +40,8 @@ impl Default for Bidirectional {
 }
 
 /// Dimension sets of the sampler, as in [`backward`](super::backward).
-const LIGHT_SET: u32 = 1;
-const SCATTER_SET: u32 = 2;
+const DIRECTION_SET: u32 = 1;
+const CHOICE_SET: u32 = 2;
 const SETS_PER_VERTEX: u32 = 2;
 
 /// The present end of an eye subpath.
@@ -149,7 +149,7 @@ impl<Q: RayQuery, O: PathObserver> EyePath<'_, '_, Q, O> {
                 break;
             };
             let vertex = SurfaceVertex::new(self.pass.world.scene, &hit, &walk.ray);
-            self.observer.segment(walk.mode, depth, &walk.ray, Some((&vertex, hit.t)), walk.beta);
+            self.observer.segment(walk.mode, depth, &walk.ray, Some(&vertex), walk.beta);
             let cos_in = vertex.cos(vertex.wo);
             let partials = h.arrive(flight, from.distance_squared(vertex.point.p), cos_in);
             let end = EyeVertex { vertex: &vertex, beta: walk.beta, partials, depth };
@@ -158,14 +158,17 @@ impl<Q: RayQuery, O: PathObserver> EyePath<'_, '_, Q, O> {
                 break;
             }
             let set = SETS_PER_VERTEX * (depth - 1);
+            let may_end = depth >= self.length.rr_depth;
+            let [u, light_u, v, light_v] = sampler.block(set + DIRECTION_SET);
+            let has_choice = may_end || self.pass.world.lights.len() > 1 || vertex.bsdf.has_lobes();
+            let [light, lobe, roulette, _] =
+                if has_choice { sampler.block(set + CHOICE_SET) } else { [0.0; 4] };
             if !vertex.bsdf.is_delta() {
-                let [choice, u, v, _] = sampler.block(set + LIGHT_SET);
-                self.sample_light(&end, [choice, u, v]);
+                self.sample_light(&end, [light, light_u, light_v]);
                 self.connect_all(&end, max_depth);
             }
-            let [lobe, u, v, roulette] = sampler.block(set + SCATTER_SET);
             let Some(scatter) = walk.scatter(&vertex, [lobe, u, v]) else { break };
-            if depth >= self.length.rr_depth && !walk.survives(roulette) {
+            if may_end && !walk.survives(roulette) {
                 break;
             }
             flight = h.leave(&partials, &vertex.turn(cos_in, &scatter, walk.mode));

@@ -31,11 +31,10 @@ pub(super) struct LightVertex {
     pub(super) s: u32,
 }
 
-/// Sets of the sampler: two for the start, then two for each vertex.
-const POSITION_SET: u32 = 0;
-const DIRECTION_SET: u32 = 1;
-const SCATTER_SET: u32 = 0;
-const LENS_SET: u32 = 1;
+/// Sets of the sampler: two for the start, then two for each vertex. The first of each two holds a pair for a place (on the light, on the
+/// lens) and one for a direction, interleaved as in [`backward`](super::backward); the second all choices.
+const DIRECTION_SET: u32 = 0;
+const CHOICE_SET: u32 = 1;
 const SETS_PER_VERTEX: u32 = 2;
 
 /// What is the same all along a light path.
@@ -61,8 +60,8 @@ pub(super) fn trace<Q: RayQuery, O: PathObserver>(
 ) {
     scratch.light_vertices.clear();
     let sampler = pass.light_sampler(slot);
-    let [choice, x, y, _] = sampler.block(POSITION_SET);
-    let [u, v, lens_u, lens_v] = sampler.block(DIRECTION_SET);
+    let [u, x, v, y] = sampler.block(DIRECTION_SET);
+    let [choice, lens_u, _, lens_v] = sampler.block(CHOICE_SET);
     let Some(start) = pass.world.lights.sample_le(choice, Vec2::new(x, y), Vec2::new(u, v)) else { return };
     // One division at a time: the product of both densities may leave the range of f32 sooner.
     let power = start.radiance * (start.cos / start.pdf_direction_w) / start.pdf_position;
@@ -94,7 +93,7 @@ impl<Q: RayQuery, O: PathObserver> Tracer<'_, '_, Q, O> {
                 break;
             };
             let vertex = SurfaceVertex::new(self.pass.world.scene, &hit, &walk.ray);
-            self.observer.segment(walk.mode, depth, &walk.ray, Some((&vertex, hit.t)), walk.beta);
+            self.observer.segment(walk.mode, depth, &walk.ray, Some(&vertex), walk.beta);
             if depth == max_depth {
                 break;
             }
@@ -105,10 +104,12 @@ impl<Q: RayQuery, O: PathObserver> Tracer<'_, '_, Q, O> {
                 h.arrive(flight, from.distance_squared(vertex.point.p), cos_in)
             };
             let beta = self.power * walk.beta;
+            let set = SETS_PER_VERTEX * depth;
+            let [u, lens_u, v, lens_v] = sampler.block(set + DIRECTION_SET);
             if !vertex.bsdf.is_delta() {
                 let end = LightVertex { vertex, beta, partials, s: depth + 1 };
                 if self.weights.connects_lens {
-                    self.connect(&end, sampler);
+                    self.connect(&end, Vec2::new(lens_u, lens_v));
                 }
                 if self.weights.has_eye_paths {
                     self.scratch.light_vertices.push(end);
@@ -117,9 +118,11 @@ impl<Q: RayQuery, O: PathObserver> Tracer<'_, '_, Q, O> {
             if depth == last {
                 break;
             }
-            let [lobe, u, v, roulette] = sampler.block(SETS_PER_VERTEX * depth + SCATTER_SET);
+            let may_end = depth >= self.length.rr_depth;
+            let has_choice = may_end || vertex.bsdf.has_lobes();
+            let [lobe, roulette, ..] = if has_choice { sampler.block(set + CHOICE_SET) } else { [0.0; 4] };
             let Some(scatter) = walk.scatter(&vertex, [lobe, u, v]) else { break };
-            if depth >= self.length.rr_depth && !walk.survives(roulette) {
+            if may_end && !walk.survives(roulette) {
                 break;
             }
             flight = h.leave(&partials, &vertex.turn(cos_in, &scatter, walk.mode));
@@ -154,14 +157,8 @@ impl<Q: RayQuery, O: PathObserver> Tracer<'_, '_, Q, O> {
     }
 
     /// Strategies (s, 1).
-    fn connect(&mut self, end: &LightVertex, sampler: &Sampler) {
+    fn connect(&mut self, end: &LightVertex, u: Vec2) {
         let camera = &self.pass.world.camera;
-        let u = if camera.is_delta() {
-            Vec2::ZERO
-        } else {
-            let [u, v, ..] = sampler.block(SETS_PER_VERTEX * (end.s - 1) + LENS_SET);
-            Vec2::new(u, v)
-        };
         let point = &end.vertex.point;
         let Some(connection) = camera.sample_wi(point.p, u) else { return };
         if !self.pass.is_sampled(connection.film) {

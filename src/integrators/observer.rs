@@ -34,14 +34,14 @@ impl fmt::Display for Strategy {
 
 /// Is told of each step of a path. Integrators are generic over it, so that not watching costs nothing.
 pub trait PathObserver {
-    /// `ray` was traced and met `vertex` after `t`, or left the scene. `mode` tells eye subpaths (radiance) from light subpaths (importance);
+    /// `ray` was traced and met `vertex`, or left the scene. `mode` tells eye subpaths (radiance) from light subpaths (importance);
     /// `beta` is the throughput up to there; `depth` counts segments from 1.
     fn segment(
         &mut self,
         mode: TransportMode,
         depth: u32,
         ray: &Ray,
-        hit: Option<(&SurfaceVertex, f32)>,
+        vertex: Option<&SurfaceVertex>,
         beta: Rgb,
     );
 
@@ -55,7 +55,7 @@ pub struct Unobserved;
 
 impl PathObserver for Unobserved {
     #[inline]
-    fn segment(&mut self, _: TransportMode, _: u32, _: &Ray, _: Option<(&SurfaceVertex, f32)>, _: Rgb) {}
+    fn segment(&mut self, _: TransportMode, _: u32, _: &Ray, _: Option<&SurfaceVertex>, _: Rgb) {}
 
     #[inline]
     fn contribution(&mut self, _: Strategy, _: Option<Vec2>, _: Rgb, _: f32) {}

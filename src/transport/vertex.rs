@@ -50,11 +50,11 @@ pub struct Evaluation {
 
 impl SurfaceVertex {
     /// The vertex where `ray` hits a surface.
-    #[inline]
+    #[inline(always)]
     pub fn new(scene: &Scene, hit: &Hit, ray: &Ray) -> Self {
         let point = hit.surface(&scene.shapes, ray);
         let material = scene.shapes[hit.shape as usize].material;
-        let bsdf = Bsdf::new(&scene.materials, material, &point);
+        let bsdf = Bsdf::new(&scene.materials, material, &point, point.ns.dot(ray.d) < 0.0);
         let tangent = if bsdf.is_anisotropic() { point.dp_du(&scene.shapes) } else { None };
         let frame =
             tangent.map_or_else(|| Frame::from_z(point.ns), |t| Frame::from_z_and_tangent(point.ns, t));
@@ -63,14 +63,14 @@ impl SurfaceVertex {
 
     /// Whether `wi` is on the same side of the geometric and of the shading surface. Where it is not, light would
     /// leak through the surface; such directions scatter nothing (Veach 1997, section 5.3).
-    #[inline]
+    #[inline(always)]
     fn sides_agree(&self, w: Vec3, local: Vec3) -> bool {
         self.point.ng.dot(w) * local.z > 0.0
     }
 
     /// BSDF times cosine for the path that goes on in direction `wi`, world space. When importance is carried by light's own direction
     /// of travel ([`TransportMode::Importance`]), the cosine is corrected for shading normals (Veach 1997, eq. 5.19).
-    #[inline]
+    #[inline(always)]
     pub fn eval(&self, wi: Vec3, mode: TransportMode) -> Rgb {
         let wi_local = self.frame.to_local(wi);
         if !self.sides_agree(wi, wi_local) || !self.sides_agree(self.wo, self.wo_local) {
@@ -81,7 +81,7 @@ impl SurfaceVertex {
     }
 
     /// Density per solid angle with which [`scatter`](Self::scatter) draws `wi`; without delta lobes.
-    #[inline]
+    #[inline(always)]
     pub fn pdf_w(&self, wi: Vec3, mode: TransportMode) -> f32 {
         self.bsdf.pdf(self.wo_local, self.frame.to_local(wi), mode)
     }
@@ -126,7 +126,7 @@ impl SurfaceVertex {
     }
 
     /// Draws a direction in which the path goes on. `None` where it ends.
-    #[inline]
+    #[inline(always)]
     pub fn scatter(&self, u: [f32; 3], mode: TransportMode) -> Option<Scatter> {
         if !self.sides_agree(self.wo, self.wo_local) {
             return None;
@@ -146,7 +146,7 @@ impl SurfaceVertex {
     }
 
     /// What the adjoint of a BSDF with a shading normal has over the BSDF itself; 1 for radiance and on flat surfaces.
-    #[inline]
+    #[inline(always)]
     fn correction(&self, wi: Vec3, wi_local: Vec3, mode: TransportMode) -> f32 {
         if mode == TransportMode::Radiance || self.point.ng == self.point.ns {
             return 1.0;

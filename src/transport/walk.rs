@@ -48,7 +48,7 @@ impl Walk {
     }
 
     /// Russian roulette: ends the path with a probability that keeps its throughput near 1. `false` where it ends.
-    #[inline]
+    #[inline(always)]
     pub fn survives(&mut self, u: f32) -> bool {
         let survival = (self.beta.max_element() * self.eta_scale).min(MAX_SURVIVAL);
         if u >= survival {

@@ -29,7 +29,7 @@ use glam::{Vec2, Vec3};
 use std::f32::consts::FRAC_1_PI;
 
 use crate::sampling::warp::{cosine_hemisphere_pdf, square_to_cosine_hemisphere};
-use crate::scene::{Material, MaterialId, Rgb, SurfacePoint};
+use crate::scene::{Material, MaterialId, Microfacet, Rgb, SurfacePoint};
 use conductor::{Metal, RoughConductor};
 use dielectric::{Boundary, RoughDielectric};
 use microfacet::Microfacets;
@@ -70,14 +70,15 @@ pub struct BsdfSample {
     pub eta: f32,
 }
 
-/// A material prepared for one surface point.
+/// A material prepared for one surface point and the side that a path reaches it on.
 ///
-/// The two sides of a surface are prepared apart, each for a `wo` above it: two-sided materials, the two faces of
-/// a glass pane and the black back of a one-sided material then need no further distinction.
+/// Of what does not transmit light, the other side is black: no path passes from one side to the other. A boundary is known from
+/// both sides, because the density of going back from `wi` is asked for too.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct Bsdf {
-    front: Lobe,
-    back: Lobe,
+    lobe: Lobe,
+    /// Whether `lobe` is for directions above the surface.
+    is_above: bool,
 }
 
 /// What a surface does with light on the side that the local z axis points to.
@@ -92,47 +93,36 @@ enum Lobe {
 }
 
 // Copied per path vertex.
-const _: () = assert!(size_of::<Bsdf>() <= 96);
+const _: () = assert!(size_of::<Bsdf>() <= 56);
 
 /// Least product of roughness and `|eta - 1|`: the width in radians of a refracted lobe that f32 directions still resolve.
 const MIN_REFRACTED_WIDTH: f32 = 1e-6;
 
 impl Bsdf {
-    /// Prepares a material. A [`Material::TwoSided`] shows the front of each of its materials; one that refers to a transmitting
-    /// material, to itself or to none is black (loaders refuse it).
+    /// Prepares a material for paths that arrive from above the shading surface, or from below. A [`Material::TwoSided`] shows the
+    /// front of each of its materials; one that refers to a transmitting material, to itself or to none is black (loaders refuse it).
     ///
     /// A rough boundary whose refracted lobe is too narrow for f32 (roughness times `|eta - 1|` below 1e-6) is prepared as
     /// a smooth one, or at the least roughness that can be resolved.
-    #[inline]
-    pub fn new(materials: &[Material], id: MaterialId, _point: &SurfacePoint) -> Self {
-        match materials.get(id.0 as usize) {
+    #[inline(always)]
+    pub fn new(materials: &[Material], id: MaterialId, _point: &SurfacePoint, is_above: bool) -> Self {
+        let lobe = match materials.get(id.0 as usize) {
             Some(&Material::TwoSided { front, back }) => {
-                let front_lobe = Lobe::opaque(materials, front);
-                Self {
-                    front: front_lobe,
-                    back: if back == front { front_lobe } else { Lobe::opaque(materials, back) },
-                }
+                Lobe::opaque(materials, if is_above { front } else { back })
             }
-            Some(material) => {
-                let front = Lobe::new(material);
-                let back = match front {
-                    Lobe::Dielectric(boundary) => Lobe::Dielectric(boundary.turned_over()),
-                    Lobe::RoughDielectric(RoughDielectric { facets, boundary }) => {
-                        Lobe::RoughDielectric(RoughDielectric { facets, boundary: boundary.turned_over() })
-                    }
-                    _ => Lobe::Black,
-                };
-                Self { front, back }
-            }
-            None => Self { front: Lobe::Black, back: Lobe::Black },
-        }
+            Some(material) if is_above => Lobe::new(material),
+            Some(material) => Lobe::new(material).turned_over().unwrap_or(Lobe::Black),
+            None => Lobe::Black,
+        };
+        Self { lobe, is_above }
     }
 
     /// Draws a direction for the path to go on; `u[0]` chooses the lobe, the others the direction, all in [0, 1).
     /// `None` if the light is absorbed or `wo` is not usable.
-    #[inline]
+    #[inline(always)]
     pub fn sample(&self, wo: Vec3, u: [f32; 3], mode: TransportMode) -> Option<BsdfSample> {
-        let (lobe, wo, side) = self.facing(wo)?;
+        let mut other = Lobe::Black;
+        let (lobe, wo, side) = self.facing(wo, &mut other)?;
         let sample = lobe.sample(wo, u, mode)?;
         Some(BsdfSample { wi: sample.wi * side, ..sample })
     }
@@ -141,53 +131,67 @@ impl Bsdf {
     ///
     /// In mode `Radiance` light flows from `wi` to `wo`, in mode `Importance` from `wo` to `wi`:
     /// `eval(wo, wi, Importance) == eval(wi, wo, Radiance)`.
-    #[inline]
+    #[inline(always)]
     pub fn eval(&self, wo: Vec3, wi: Vec3, mode: TransportMode) -> Rgb {
-        self.facing(wo).map_or(Rgb::ZERO, |(lobe, wo, side)| lobe.eval(wo, wi * side, mode))
+        let mut other = Lobe::Black;
+        self.facing(wo, &mut other).map_or(Rgb::ZERO, |(lobe, wo, side)| lobe.eval(wo, wi * side, mode))
     }
 
     /// Density per solid angle with which [`sample`](Self::sample) draws `wi`, without delta lobes. It integrates to the probability
     /// that `sample` returns anything.
-    #[inline]
+    #[inline(always)]
     pub fn pdf(&self, wo: Vec3, wi: Vec3, _mode: TransportMode) -> f32 {
-        self.facing(wo).map_or(0.0, |(lobe, wo, side)| lobe.pdf(wo, wi * side))
+        let mut other = Lobe::Black;
+        self.facing(wo, &mut other).map_or(0.0, |(lobe, wo, side)| lobe.pdf(wo, wi * side))
     }
 
     /// Whether there are only delta lobes (or none at all), so that the vertex cannot be connected.
     #[inline]
     pub fn is_delta(&self) -> bool {
-        self.front.is_delta() && self.back.is_delta()
+        self.lobe.is_delta()
+    }
+
+    /// Whether `u[0]` of [`sample`](Self::sample) matters: there is more than one lobe to choose from.
+    #[inline]
+    pub fn has_lobes(&self) -> bool {
+        matches!(self.lobe, Lobe::Dielectric(_) | Lobe::RoughDielectric(_))
     }
 
     /// Whether the tangents of the frame matter, and not its normal alone.
     #[inline]
     pub fn is_anisotropic(&self) -> bool {
-        self.front.is_anisotropic() || self.back.is_anisotropic()
+        self.lobe.is_anisotropic()
     }
 
     /// Reflectance and transmittance together, for the albedo AOV. Exact for smooth materials and the diffuse one (power, so
     /// without the radiance's change by the index); rough ones answer as if they were smooth.
     #[inline]
     pub fn albedo(&self, wo: Vec3) -> Rgb {
-        self.facing(wo).map_or(Rgb::ZERO, |(lobe, wo, _)| lobe.albedo(wo))
+        let mut other = Lobe::Black;
+        self.facing(wo, &mut other).map_or(Rgb::ZERO, |(lobe, wo, _)| lobe.albedo(wo))
     }
 
-    /// The lobe on `wo`'s side, `wo` in its coordinates, and the factor that turns other directions over too.
-    #[inline]
-    fn facing(&self, wo: Vec3) -> Option<(&Lobe, Vec3, Vec3)> {
-        if wo.z > 0.0 {
-            Some((&self.front, wo, Vec3::ONE))
-        } else if wo.z < 0.0 {
-            let side = Vec3::new(1.0, 1.0, -1.0);
-            Some((&self.back, wo * side, side))
-        } else {
-            None
+    /// The lobe on `wo`'s side, `wo` in its coordinates, and the factor that turns other directions over too. `other` is where the
+    /// lobe is put if it is not the one that was prepared.
+    #[inline(always)]
+    fn facing<'a>(&'a self, wo: Vec3, other: &'a mut Lobe) -> Option<(&'a Lobe, Vec3, Vec3)> {
+        let is_above = wo.z > 0.0;
+        // Neither side: in the plane of the surface, or NaN.
+        if wo.z == 0.0 || wo.z.is_nan() {
+            return None;
         }
+        let side = Vec3::new(1.0, 1.0, if is_above { 1.0 } else { -1.0 });
+        if is_above == self.is_above {
+            return Some((&self.lobe, wo * side, side));
+        }
+        *other = self.lobe.turned_over()?;
+        Some((other, wo * side, side))
     }
 }
 
+// Only the diffuse lobe is inlined into integrators. The others do enough work to be worth a call, and would crowd it out.
 impl Lobe {
-    #[inline]
+    #[inline(always)]
     fn new(material: &Material) -> Self {
         match *material {
             Material::Diffuse { reflectance } => Self::Diffuse { reflectance },
@@ -209,21 +213,35 @@ impl Lobe {
                 eta,
                 specular_reflectance: reflection,
                 specular_transmittance: transmission,
-            } => {
-                let boundary = Boundary { eta, reflection, transmission };
-                let min_alpha = MIN_REFRACTED_WIDTH / (eta - 1.0).abs();
-                if alpha[0].max(alpha[1]) < min_alpha {
-                    return Self::Dielectric(boundary);
-                }
-                let facets = Microfacets::new(distribution, alpha, min_alpha);
-                Self::RoughDielectric(RoughDielectric { facets, boundary })
-            }
+            } => Self::rough_dielectric(distribution, alpha, Boundary { eta, reflection, transmission }),
             Material::TwoSided { .. } => Self::Black,
         }
     }
 
+    #[inline(never)]
+    fn rough_dielectric(distribution: Microfacet, alpha: [f32; 2], boundary: Boundary) -> Self {
+        let min_alpha = MIN_REFRACTED_WIDTH / (boundary.eta - 1.0).abs();
+        if alpha[0].max(alpha[1]) < min_alpha {
+            return Self::Dielectric(boundary);
+        }
+        let facets = Microfacets::new(distribution, alpha, min_alpha);
+        Self::RoughDielectric(RoughDielectric { facets, boundary })
+    }
+
+    /// What is seen from the other side, if light gets there.
+    #[inline(never)]
+    fn turned_over(&self) -> Option<Self> {
+        match *self {
+            Self::Dielectric(boundary) => Some(Self::Dielectric(boundary.turned_over())),
+            Self::RoughDielectric(RoughDielectric { facets, boundary }) => {
+                Some(Self::RoughDielectric(RoughDielectric { facets, boundary: boundary.turned_over() }))
+            }
+            Self::Black | Self::Diffuse { .. } | Self::Conductor(_) | Self::RoughConductor(_) => None,
+        }
+    }
+
     /// The front of a material inside a two-sided one.
-    #[inline]
+    #[inline(always)]
     fn opaque(materials: &[Material], id: MaterialId) -> Self {
         match materials.get(id.0 as usize).map_or(Self::Black, Self::new) {
             Self::Dielectric(_) | Self::RoughDielectric(_) => Self::Black,
@@ -231,7 +249,7 @@ impl Lobe {
         }
     }
 
-    #[inline]
+    #[inline(always)]
     fn sample(&self, wo: Vec3, [u, u1, u2]: [f32; 3], mode: TransportMode) -> Option<BsdfSample> {
         let u_direction = Vec2::new(u1, u2);
         match self {
@@ -248,7 +266,7 @@ impl Lobe {
         }
     }
 
-    #[inline]
+    #[inline(always)]
     fn eval(&self, wo: Vec3, wi: Vec3, mode: TransportMode) -> Rgb {
         match self {
             Self::Diffuse { reflectance } if wi.z > 0.0 => *reflectance * FRAC_1_PI,
@@ -258,7 +276,7 @@ impl Lobe {
         }
     }
 
-    #[inline]
+    #[inline(always)]
     fn pdf(&self, wo: Vec3, wi: Vec3) -> f32 {
         match self {
             Self::Black | Self::Conductor(_) | Self::Dielectric(_) => 0.0,
