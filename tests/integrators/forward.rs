@@ -54,7 +54,7 @@ impl BackendTest for Case<'_> {
             }
             Expected::As(reference) => {
                 let reference = means(self.scene, query, reference, 1000, self.passes);
-                assert!(tested.standard_error() < 0.02 * mean, "{name} is too noisy: {tested:?}");
+                assert!(tested.standard_error() < 0.03 * mean, "{name} is too noisy: {tested:?}");
                 let p = z_test_two(&tested, &reference);
                 family.record(format!("{name} on {backend}: {mean}, {}", reference.mean()), p);
             }
@@ -181,7 +181,7 @@ fn crops_and_sizes_do_not_change_brightness() {
         for filter in [Filter::Box, Filter::Gaussian { stddev: 0.5 }] {
             let mut scene = lit_corner();
             (scene.film.size, scene.film.crop, scene.film.filter) = (size, crop, filter);
-            let passes = 100_000 / (crop.size.x * crop.size.y);
+            let passes = 40_000 / (crop.size.x * crop.size.y);
             for tested in ["ptracer", "bdpt"] {
                 let path = Expected::As(integrator("path", "max_depth=3"));
                 check(name, &scene, (tested, "max_depth=3"), path, passes);
