@@ -8,6 +8,7 @@ mod bsdf;
 mod camera;
 mod cli;
 mod film;
+mod images;
 mod lights;
 mod load;
 mod malformed;
