@@ -87,7 +87,7 @@ fn a_boundary_answers_from_both_sides() {
 }
 
 fn diffuse(r: f32, g: f32, b: f32) -> Material {
-    Material::Diffuse { reflectance: Rgb::new(r, g, b) }
+    Material::Diffuse { reflectance: Rgb::new(r, g, b).into() }
 }
 
 /// Reflects everything: an index of 0 + 1i is what Mitsuba calls the material "none".

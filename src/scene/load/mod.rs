@@ -24,7 +24,7 @@ use glam::{DAffine3, DMat3, DVec3, UVec2, Vec3};
 
 use super::{
     Aabb, Camera, Emitter, FilmSettings, Filter, FovAxis, IntegratorSettings, Lens, Material, MaterialId,
-    Image, PixelRect, Rgb, Scene, Shape, Texture,
+    Image, Input, PixelRect, Rgb, Scene, Shape, Texture,
 };
 
 /// How to load.
@@ -238,7 +238,7 @@ fn push(materials: &mut Vec<Material>, material: Material) -> MaterialId {
 }
 
 /// Of lamps that name no material.
-const BLACK: Material = Material::Diffuse { reflectance: Vec3::ZERO };
+const BLACK: Material = Material::Diffuse { reflectance: Input::Constant(Vec3::ZERO) };
 
 /// Mitsuba's default material.
-const GREY: Material = Material::Diffuse { reflectance: Vec3::splat(0.5) };
+const GREY: Material = Material::Diffuse { reflectance: Input::Constant(Vec3::splat(0.5)) };
