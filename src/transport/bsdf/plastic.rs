@@ -1,7 +1,8 @@
 //! A diffuse base under a dielectric coat, smooth or rough. Sees `wo` with `wo.z` > 0.
 //!
 //! Light enters through the coat, is scattered by the base, is reflected back by the coat any number of times and leaves: a
-//! geometric series in the coat's internal reflectance. What single scattering in a rough coat loses counts as transmitted.
+//! geometric series in the coat's internal reflectance. A rough coat loses, as all rough surfaces here, what would bounce on
+//! between its facets, on the way in, on the way out and inside.
 
 use glam::{Vec2, Vec3};
 use std::f32::consts::FRAC_1_PI;
@@ -14,9 +15,9 @@ use crate::sampling::warp::{cosine_hemisphere_pdf, square_to_cosine_hemisphere};
 use crate::scene::{Microfacet, Rgb};
 
 /// Entries of the table of transmittances, at even distances of the cosine.
-const TABLE: usize = 128;
-/// Samples of microfacet normals along each of two axes, for each entry.
-const NORMALS: u32 = 32;
+const TABLE: usize = 64;
+/// Microfacet normals along each of two axes, for each entry.
+const NORMALS: u32 = 48;
 
 /// What depends on the coat alone.
 #[derive(Debug, Clone)]
@@ -54,12 +55,10 @@ impl Coat {
         };
         let facets = Microfacets::new(distribution, [alpha; 2], 0.0);
         let cos = |i: usize| (i as f32 / (TABLE - 1) as f32).max(1e-6);
-        let transmittance =
-            (0..TABLE).map(|i| 1.0 - rough_reflectance(&facets, cos(i), eta, NORMALS)).collect();
-        let internal = diffuse_average(
-            |cos| f64::from(rough_reflectance(&facets, cos, 1.0 / eta, 2 * NORMALS)),
-            TABLE as u32,
-        );
+        let transmittance = (0..TABLE).map(|i| single_scattering(&facets, cos(i), eta).transmitted).collect();
+        // Mitsuba's rule: the sum of all 64 entries over their number, which is short of the integral by about 1/64.
+        let mean = |i: usize| f64::from(single_scattering(&facets, cos(i), 1.0 / eta).reflected * cos(i));
+        let internal = 2.0 * (0..TABLE).map(mean).sum::<f64>() / TABLE as f64;
         let rough = Some(RoughCoat { facets, transmittance });
         Self { eta, internal_reflectance: internal as f32, rough }
     }
@@ -88,22 +87,37 @@ fn diffuse_average(f: impl Fn(f32) -> f64, steps: u32) -> f64 {
     (0..steps).map(|i| f(((f64::from(i) + 0.5) / n).sqrt() as f32)).sum::<f64>() / n
 }
 
-/// Fraction that microfacets reflect in one bounce from a direction of the given cosine.
-fn rough_reflectance(facets: &Microfacets, cos: f32, eta: f32, resolution: u32) -> f32 {
+/// What microfacets reflect and transmit in one bounce, as fractions of what arrives.
+struct SingleScattering {
+    reflected: f32,
+    transmitted: f32,
+}
+
+/// From a direction of the given cosine, by an even grid of visible normals.
+fn single_scattering(facets: &Microfacets, cos: f32, eta: f32) -> SingleScattering {
     let wo = Vec3::new((1.0 - cos * cos).max(0.0).sqrt(), 0.0, cos);
-    let at = |i: u32| (i as f32 + 0.5) / resolution as f32;
-    let mut sum = 0.0;
-    for i in 0..resolution {
-        for j in 0..resolution {
+    let at = |i: u32| (i as f32 + 0.5) / NORMALS as f32;
+    let (mut reflected, mut transmitted) = (0.0, 0.0);
+    for i in 0..NORMALS {
+        for j in 0..NORMALS {
             let m = facets.sample_visible(wo, Vec2::new(at(i), at(j)));
-            let cos_om = wo.dot(m);
-            let wi = reflect(wo, m, cos_om);
-            if wi.z > 0.0 && cos_om > 0.0 {
-                sum += f64::from((1.0 - transmittance(cos_om.min(1.0), eta)) * facets.masking(wi));
+            let cos_om = wo.dot(m).min(1.0);
+            if cos_om <= 0.0 {
+                continue;
+            }
+            let tangential = wo - cos_om * m;
+            let fresnel = fresnel_dielectric(cos_om, tangential.length_squared(), eta);
+            let (up, down) = (reflect(wo, m, cos_om), -tangential / eta - fresnel.cos_t * m);
+            if up.z > 0.0 {
+                reflected += f64::from(fresnel.reflectance * facets.masking(up));
+            }
+            if down.z < 0.0 {
+                transmitted += f64::from((1.0 - fresnel.reflectance) * facets.masking(down));
             }
         }
     }
-    (sum / f64::from(resolution * resolution)) as f32
+    let n = f64::from(NORMALS * NORMALS);
+    SingleScattering { reflected: (reflected / n) as f32, transmitted: (transmitted / n) as f32 }
 }
 
 /// A coated base at a point.

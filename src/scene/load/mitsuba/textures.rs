@@ -7,7 +7,7 @@ use super::super::{LoadError, Location};
 use super::Builder;
 use super::properties::{Kind, Parameter, Plugin, Properties};
 use super::xml::{Category, Document, ObjectId, Span};
-use crate::scene::{Bitmap, Input, Rgb, TexelFilter, Texture, TextureId, Wrap, luminance};
+use crate::scene::{Bitmap, Input, Rgb, TexelFilter, Texture, TextureId, Wrap};
 
 pub(super) type Build = fn(&Properties, &mut Builder) -> Result<Texture, LoadError>;
 
@@ -134,10 +134,10 @@ impl Builder<'_> {
         }
     }
 
-    /// A fraction in 0..1, given as a number, a colour (whose luminance counts) or a texture.
+    /// A fraction in 0..1, given as a number, a colour (of which the mean counts) or a texture.
     pub(super) fn fraction_input(&mut self, p: &Properties, name: &str) -> Result<Input<f32>, LoadError> {
         Ok(match self.color_input(p, name)? {
-            Input::Constant(color) => Input::Constant(luminance(color).clamp(0.0, 1.0)),
+            Input::Constant(color) => Input::Constant((color.element_sum() / 3.0).clamp(0.0, 1.0)),
             Input::Texture(id) => Input::Texture(id),
         })
     }
