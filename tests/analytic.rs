@@ -93,9 +93,16 @@ fn grey_furnace_diffuse() {
 /// Smooth glass and mirrors keep all energy, through any number of internal reflections.
 #[test]
 fn white_furnace_specular() {
-    let glass =
-        Material::Dielectric { eta: 1.5, specular_reflectance: Rgb::ONE.into(), specular_transmittance: Rgb::ONE.into() };
-    let mirror = Material::Conductor { eta: Rgb::ZERO.into(), k: Rgb::ONE.into(), specular_reflectance: Rgb::ONE.into() };
+    let glass = Material::Dielectric {
+        eta: 1.5,
+        specular_reflectance: Rgb::ONE.into(),
+        specular_transmittance: Rgb::ONE.into(),
+    };
+    let mirror = Material::Conductor {
+        eta: Rgb::ZERO.into(),
+        k: Rgb::ONE.into(),
+        specular_reflectance: Rgb::ONE.into(),
+    };
     for (name, material) in [("glass", glass), ("mirror", mirror)] {
         let scene = empty()
             .shape(sphere(Vec3::Z * 5.0, 2.0), material, None)

@@ -77,14 +77,19 @@ fn prepare(materials: &[Material]) -> Bsdf {
 #[test]
 fn a_boundary_answers_from_both_sides() {
     let mut random = Random::new(77);
-    for material in [rough_glass(Microfacet::Ggx, [0.3, 0.5], 1.5), rough_glass(Microfacet::Beckmann, [0.2, 0.2], 0.7)] {
+    for material in
+        [rough_glass(Microfacet::Ggx, [0.3, 0.5], 1.5), rough_glass(Microfacet::Beckmann, [0.2, 0.2], 0.7)]
+    {
         let Bsdf { above, below } = prepare(&[material]);
         for _ in 0..1000 {
             let [wo, wi] = [(); 2].map(|()| square_to_sphere(random.uniform_2d()));
             for mode in MODES {
                 let values = [above, below].map(|b| b.eval(wo, wi, mode).extend(b.pdf(wo, wi, mode)));
                 // The index is inverted twice; 1e-4 is what the lobes make of that rounding.
-                assert!((values[0] - values[1]).abs().max_element() <= 1e-4 * values[0].max_element(), "{wo} {wi}");
+                assert!(
+                    (values[0] - values[1]).abs().max_element() <= 1e-4 * values[0].max_element(),
+                    "{wo} {wi}"
+                );
             }
         }
     }
@@ -300,12 +305,11 @@ fn white_metal_loses_little_when_smooth_and_most_when_rough() {
 
 #[test]
 fn mirrors_and_smooth_boundaries_keep_all_energy() {
-    let mirror =
-        prepare(&[Material::Conductor {
-            eta: Rgb::ZERO.into(),
-            k: Rgb::ONE.into(),
-            specular_reflectance: Rgb::ONE.into(),
-        }]);
+    let mirror = prepare(&[Material::Conductor {
+        eta: Rgb::ZERO.into(),
+        k: Rgb::ONE.into(),
+        specular_reflectance: Rgb::ONE.into(),
+    }]);
     for wo in views() {
         let s = mirror.sample(wo, [0.5; 3], Radiance).expect("a mirror reflects");
         assert_eq!((s.weight, s.wi, s.pdf, s.eta), (Rgb::ONE, Vec3::new(-wo.x, -wo.y, wo.z), 1.0, 1.0));
@@ -430,15 +434,16 @@ fn two_sided_shows_the_front_of_each_material_and_one_sided_is_black_behind() {
 
 /// The materials of `data/mitsuba_bsdf.py`.
 fn mitsuba_material(name: &str) -> Bsdf {
-    let glass = |distribution, alpha: [f32; 2], eta, specular_reflectance: Rgb, specular_transmittance: Rgb| {
-        Material::RoughDielectric {
-            distribution,
-            alpha: alpha.map(Input::Constant),
-            eta,
-            specular_reflectance: specular_reflectance.into(),
-            specular_transmittance: specular_transmittance.into(),
-        }
-    };
+    let glass =
+        |distribution, alpha: [f32; 2], eta, specular_reflectance: Rgb, specular_transmittance: Rgb| {
+            Material::RoughDielectric {
+                distribution,
+                alpha: alpha.map(Input::Constant),
+                eta,
+                specular_reflectance: specular_reflectance.into(),
+                specular_transmittance: specular_transmittance.into(),
+            }
+        };
     let (tint, other_tint) = (Rgb::new(0.9, 0.8, 0.7), Rgb::new(0.3, 0.6, 0.9));
     prepare(&[match name {
         "diffuse" => diffuse(0.2, 0.5, 0.8),

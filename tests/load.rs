@@ -4,8 +4,9 @@ use std::path::{Path, PathBuf};
 
 use glam::{DVec3, Vec2, Vec3};
 use helmholtz::scene::load::{LoadOptions, Loaded, Severity, load, mitsuba};
-use helmholtz::scene::{Input, 
-    AnalyticKind, Emitter, Filter, FovAxis, Geometry, Lens, Material, Microfacet, Scene, Shape, TriangleMesh,
+use helmholtz::scene::{
+    AnalyticKind, Emitter, Filter, FovAxis, Geometry, Input, Lens, Material, Microfacet, Scene, Shape,
+    TriangleMesh,
 };
 
 /// A folder for the files of one test, with its path in messages shortened.

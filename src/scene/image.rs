@@ -108,10 +108,7 @@ impl Image {
             Texels::U16(v) => {
                 // Between the entries of the table the curve is straight to 1e-5 of 1.
                 let (low, rest) = (v[i] / 257, f32::from(v[i] % 257) * (1.0 / 257.0));
-                let (a, b) = (
-                    SRGB_TO_LINEAR[low as usize],
-                    SRGB_TO_LINEAR[usize::from(low + 1).min(255)],
-                );
+                let (a, b) = (SRGB_TO_LINEAR[low as usize], SRGB_TO_LINEAR[usize::from(low + 1).min(255)]);
                 a + (b - a) * rest
             }
             Texels::F16(v) => v[i].to_f32(),

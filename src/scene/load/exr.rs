@@ -93,7 +93,6 @@ fn to_rec_709(c: &exr::meta::attribute::Chromaticities) -> Option<DMat3> {
     matrix.is_finite().then_some(matrix)
 }
 
-
 /// RGB to XYZ for primaries and white given as (x, y).
 fn to_xyz(c: &[DVec2; 4]) -> Option<DMat3> {
     let [r, g, b, white] = c.map(|p| DVec3::new(p.x, p.y, 1.0 - p.x - p.y));

@@ -79,7 +79,12 @@ pub(super) fn read(
     content: Content,
     log: &mut Log,
 ) -> Result<Image, LoadError> {
-    let bytes = log.read(path, from)?;
+    let mut bytes = log.read(path, from)?;
+    // The other name of the same format, which `image` does not know.
+    const RGBE: &[u8] = b"#?RGBE";
+    if bytes.starts_with(RGBE) {
+        bytes.splice(..RGBE.len(), *b"#?RADIANCE");
+    }
     if exr::is_exr(&bytes) {
         return exr::decode(path, &bytes, content, log);
     }

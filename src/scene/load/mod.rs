@@ -23,8 +23,8 @@ use std::path::{Path, PathBuf};
 use glam::{DAffine3, DMat3, DVec3, UVec2, Vec3};
 
 use super::{
-    Aabb, Camera, Emitter, FilmSettings, Filter, FovAxis, IntegratorSettings, Lens, Material, MaterialId,
-    Image, Input, PixelRect, Rgb, Scene, Shape, Texture,
+    Aabb, Camera, Emitter, FilmSettings, Filter, FovAxis, Image, Input, IntegratorSettings, Lens, Material,
+    MaterialId, PixelRect, Rgb, Scene, Shape, Texture,
 };
 
 /// How to load.

@@ -38,7 +38,12 @@ impl std::fmt::Debug for Composite<'_> {
 
 impl<'s> Composite<'s> {
     /// `at` says where. Its tangents are looked up for bumps only.
-    pub(super) fn new(materials: &'s Materials<'s>, id: MaterialId, point: &SurfacePoint, is_above: bool) -> Self {
+    pub(super) fn new(
+        materials: &'s Materials<'s>,
+        id: MaterialId,
+        point: &SurfacePoint,
+        is_above: bool,
+    ) -> Self {
         let tangents = if is_bumpy(materials, id) { tangents(materials, point) } else { Vec3::ZERO };
         Self { materials, id, uv: point.uv, tangents, is_above }
     }
@@ -113,7 +118,8 @@ impl<'s> Composite<'s> {
         match self.parts() {
             Some(Parts::Principled(lobe)) => lobe.eval(wo, wi, mode),
             Some(Parts::Blend([a, b], w)) => {
-                let value = |lobe: &Lobe, w: f32| if w > 0.0 { lobe.eval(wo, wi, mode) * w } else { Rgb::ZERO };
+                let value =
+                    |lobe: &Lobe, w: f32| if w > 0.0 { lobe.eval(wo, wi, mode) * w } else { Rgb::ZERO };
                 value(&a, 1.0 - w) + value(&b, w)
             }
             Some(Parts::Perturbed(lobe, perturbed)) => perturbed.eval(&lobe, wo, wi, mode),
@@ -177,7 +183,8 @@ fn sample_blend(
         return Some(BsdfSample { pdf: sample.pdf * probability, ..sample });
     }
     let pdf = blend_pdf(lobes, weight, wo, sample.wi, mode);
-    let value = lobes[0].eval(wo, sample.wi, mode) * (1.0 - weight) + lobes[1].eval(wo, sample.wi, mode) * weight;
+    let value =
+        lobes[0].eval(wo, sample.wi, mode) * (1.0 - weight) + lobes[1].eval(wo, sample.wi, mode) * weight;
     let weight = value * (sample.wi.z.abs() / pdf);
     (pdf > 0.0).then_some(BsdfSample { weight, pdf, ..sample })
 }
@@ -225,7 +232,13 @@ impl Perturbed {
         (same_side(wo, wo_local) && same_side(wi, wi_local)).then_some([wo_local, wi_local])
     }
 
-    fn sample(&self, lobe: &Lobe, wo: Vec3, [u, u1, u2]: [f32; 3], mode: TransportMode) -> Option<BsdfSample> {
+    fn sample(
+        &self,
+        lobe: &Lobe,
+        wo: Vec3,
+        [u, u1, u2]: [f32; 3],
+        mode: TransportMode,
+    ) -> Option<BsdfSample> {
         let ambiguous = self.is_ambiguous(mode);
         let (n, u) = match (mode, ambiguous) {
             (TransportMode::Radiance, _) => (self.seen_from(wo), u),

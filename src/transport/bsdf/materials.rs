@@ -37,10 +37,11 @@ impl<'s> Materials<'s> {
             traits.push(Traits { transmits, is_delta });
         }
         let coated = scene.materials.iter().rposition(|m| matches!(m, Material::Plastic { .. }));
-        let coats = scene.materials[..coated.map_or(0, |i| i + 1)].par_iter().map(|material| match *material {
-            Material::Plastic { roughness, eta, .. } => Some(Coat::new(roughness, eta)),
-            _ => None,
-        });
+        let coats =
+            scene.materials[..coated.map_or(0, |i| i + 1)].par_iter().map(|material| match *material {
+                Material::Plastic { roughness, eta, .. } => Some(Coat::new(roughness, eta)),
+                _ => None,
+            });
         Self { scene, traits, coats: coats.collect() }
     }
 

@@ -303,9 +303,7 @@ impl<'s> Lobe<'s> {
             Self::RoughDielectric(rough) => rough.sample(wo, u, u_direction, mode),
             Self::ThinDielectric(sheet) => Some(sheet.sample_thin(wo, u)),
             Self::Plastic(plastic) => plastic.sample(wo, u, u_direction),
-            Self::Null => {
-                Some(BsdfSample { wi: -wo, weight: Rgb::ONE, pdf: 1.0, is_delta: true, eta: 1.0 })
-            }
+            Self::Null => Some(BsdfSample { wi: -wo, weight: Rgb::ONE, pdf: 1.0, is_delta: true, eta: 1.0 }),
             Self::Composite(composite) => composite.sample(wo, [u, u1, u2], mode),
         }
     }
@@ -330,11 +328,9 @@ impl<'s> Lobe<'s> {
     #[inline]
     fn pdf(&self, wo: Vec3, wi: Vec3, mode: TransportMode) -> f32 {
         match self {
-            Self::Black
-            | Self::Conductor(_)
-            | Self::Dielectric(_)
-            | Self::ThinDielectric(_)
-            | Self::Null => 0.0,
+            Self::Black | Self::Conductor(_) | Self::Dielectric(_) | Self::ThinDielectric(_) | Self::Null => {
+                0.0
+            }
             Self::Diffuse { .. } => cosine_hemisphere_pdf(wi.z),
             Self::RoughConductor(rough) => rough.pdf(wo, wi),
             Self::RoughDielectric(rough) => rough.pdf(wo, wi),
@@ -346,16 +342,13 @@ impl<'s> Lobe<'s> {
     #[inline]
     fn is_delta(&self) -> bool {
         match self {
-            Self::Black
-            | Self::Conductor(_)
-            | Self::Dielectric(_)
-            | Self::ThinDielectric(_)
-            | Self::Null => true,
+            Self::Black | Self::Conductor(_) | Self::Dielectric(_) | Self::ThinDielectric(_) | Self::Null => {
+                true
+            }
             Self::Composite(composite) => composite.is_delta(),
-            Self::Diffuse { .. }
-            | Self::RoughConductor(_)
-            | Self::RoughDielectric(_)
-            | Self::Plastic(_) => false,
+            Self::Diffuse { .. } | Self::RoughConductor(_) | Self::RoughDielectric(_) | Self::Plastic(_) => {
+                false
+            }
         }
     }
 

@@ -44,7 +44,8 @@ impl std::fmt::Debug for RoughCoat {
 impl Coat {
     pub(super) fn new(roughness: Option<(Microfacet, f32)>, eta: f32) -> Self {
         let Some((distribution, alpha)) = roughness else {
-            let reflectance = |eta: f32| diffuse_average(|cos| f64::from(1.0 - transmittance(cos, eta)), 4096);
+            let reflectance =
+                |eta: f32| diffuse_average(|cos| f64::from(1.0 - transmittance(cos, eta)), 4096);
             // From inside a denser coat by reciprocity, because the reflectance itself has a kink at the critical angle.
             let internal = if eta > 1.0 {
                 1.0 - (1.0 - reflectance(eta)) / f64::from(eta * eta)
@@ -174,8 +175,7 @@ impl<'s> Plastic<'s> {
         if wi.z <= 0.0 {
             return Rgb::ZERO;
         }
-        let diffuse = self.base
-            * (FRAC_1_PI * self.coat.transmittance(wo.z) * self.coat.transmittance(wi.z));
+        let diffuse = self.base * (FRAC_1_PI * self.coat.transmittance(wo.z) * self.coat.transmittance(wi.z));
         let (Some(rough), Some(m)) = (&self.coat.rough, reflection_half_vector(wo, wi)) else {
             return diffuse;
         };

@@ -51,11 +51,8 @@ impl PrincipledLobe {
         let bsdf = (1.0 - metallic) * spec_trans;
         // Without a change of index nothing would be refracted.
         let eta = if p.eta == 1.0 && bsdf > 0.0 { 1.001 } else { p.eta };
-        let boundary = Boundary {
-            eta,
-            reflection: Rgb::splat(bsdf),
-            transmission: base.map(f32::sqrt) * bsdf,
-        };
+        let boundary =
+            Boundary { eta, reflection: Rgb::splat(bsdf), transmission: base.map(f32::sqrt) * bsdf };
         let boundary = if is_above { boundary } else { boundary.turned_over() };
         Self {
             base,
@@ -188,11 +185,8 @@ impl PrincipledLobe {
     /// Schlick's approximation; from the denser side with the refracted angle.
     fn schlick(&self, r0: Rgb, cos: f32) -> Rgb {
         let eta = self.rough.boundary.eta;
-        let cos = if eta > 1.0 {
-            cos
-        } else {
-            fresnel_dielectric(cos, (1.0 - cos * cos).max(0.0), eta).cos_t
-        };
+        let cos =
+            if eta > 1.0 { cos } else { fresnel_dielectric(cos, (1.0 - cos * cos).max(0.0), eta).cos_t };
         let weight = schlick_weight(cos);
         r0 + (Rgb::ONE - r0) * weight
     }

@@ -53,18 +53,28 @@ pub(super) const PLUGINS: &[Plugin<Build>] = &[
             })
         },
     ),
-    Plugin::new("thindielectric", "sheet of a dielectric, such as a pane", &[DIELECTRIC, SPECULAR], |p, b| {
-        Ok(Material::ThinDielectric {
-            eta: relative_ior(p)?,
-            specular_reflectance: b.color_input(p, "specular_reflectance")?,
-            specular_transmittance: b.color_input(p, "specular_transmittance")?,
-        })
-    }),
+    Plugin::new(
+        "thindielectric",
+        "sheet of a dielectric, such as a pane",
+        &[DIELECTRIC, SPECULAR],
+        |p, b| {
+            Ok(Material::ThinDielectric {
+                eta: relative_ior(p)?,
+                specular_reflectance: b.color_input(p, "specular_reflectance")?,
+                specular_transmittance: b.color_input(p, "specular_transmittance")?,
+            })
+        },
+    ),
     Plugin::new("plastic", "diffuse base under a smooth coat", &[PLASTIC], |p, b| plastic(p, b, None)),
-    Plugin::new("roughplastic", "diffuse base under a rough coat", &[PLASTIC, DISTRIBUTION, ALPHA], |p, b| {
-        let roughness = (distribution(p, b)?, roughness(p, "alpha")?);
-        plastic(p, b, Some(roughness))
-    }),
+    Plugin::new(
+        "roughplastic",
+        "diffuse base under a rough coat",
+        &[PLASTIC, DISTRIBUTION, ALPHA],
+        |p, b| {
+            let roughness = (distribution(p, b)?, roughness(p, "alpha")?);
+            plastic(p, b, Some(roughness))
+        },
+    ),
     Plugin::new("principled", "Disney's model", &[PRINCIPLED], principled),
     Plugin::new("null", "nothing: light passes", &[], |_, _| Ok(Material::Null)),
     Plugin::new(
@@ -130,7 +140,12 @@ pub(super) const PLUGINS: &[Plugin<Build>] = &[
         "Mitsuba 0.6; becomes a blend of diffuse and of rough metal with GGX roughness sqrt(2 / (exponent + 2))",
         &[&[
             Parameter::new("diffuse_reflectance", Kind::Reflectance, "0.5", "albedo of the diffuse part"),
-            Parameter::new("specular_reflectance", Kind::Reflectance, "0.2", "albedo of the glossy part; no texture"),
+            Parameter::new(
+                "specular_reflectance",
+                Kind::Reflectance,
+                "0.2",
+                "albedo of the glossy part; no texture",
+            ),
             Parameter::new("exponent", Kind::Float, "30", "of the cosine of the glossy part"),
         ]],
         phong,
@@ -147,7 +162,12 @@ pub(super) const PLUGINS: &[Plugin<Build>] = &[
 ];
 
 const CONDUCTOR: &[Parameter] = &[
-    Parameter::new("material", Kind::String, "none", "a metal by name (Au, Cu, Al, ...); `none` is a perfect mirror"),
+    Parameter::new(
+        "material",
+        Kind::String,
+        "none",
+        "a metal by name (Au, Cu, Al, ...); `none` is a perfect mirror",
+    ),
     Parameter::new("eta", Kind::Unbounded, "0", "real part of the index of refraction"),
     Parameter::new("k", Kind::Unbounded, "1", "imaginary part of the index of refraction"),
     Parameter::new("specular_reflectance", Kind::Reflectance, "1", "factor on the reflection"),
@@ -199,18 +219,43 @@ const ALPHAS: &[Parameter] = &[
 const PRINCIPLED: &[Parameter] = &[
     Parameter::new("base_color", Kind::Reflectance, "0.5", "colour of the base"),
     Parameter::new("roughness", Kind::FloatOrTexture, "0.5", "square root of the main lobe's roughness"),
-    Parameter::new("anisotropic", Kind::FloatOrTexture, "0", "how much rougher along than across the tangent"),
+    Parameter::new(
+        "anisotropic",
+        Kind::FloatOrTexture,
+        "0",
+        "how much rougher along than across the tangent",
+    ),
     Parameter::new("metallic", Kind::FloatOrTexture, "0", "from dielectric to metal"),
     Parameter::new("spec_trans", Kind::FloatOrTexture, "0", "from opaque to transparent"),
     Parameter::optional("eta", Kind::Float, "index of refraction inside over outside, instead of specular"),
-    Parameter::new("specular", Kind::Float, "0.5", "reflection at normal incidence, as an index of refraction"),
-    Parameter::new("spec_tint", Kind::FloatOrTexture, "0", "tint of the dielectric reflection by the base colour"),
+    Parameter::new(
+        "specular",
+        Kind::Float,
+        "0.5",
+        "reflection at normal incidence, as an index of refraction",
+    ),
+    Parameter::new(
+        "spec_tint",
+        Kind::FloatOrTexture,
+        "0",
+        "tint of the dielectric reflection by the base colour",
+    ),
     Parameter::new("sheen", Kind::FloatOrTexture, "0", "reflection at grazing angles as of cloth"),
     Parameter::new("sheen_tint", Kind::FloatOrTexture, "0", "tint of the sheen by the base colour"),
-    Parameter::new("flatness", Kind::FloatOrTexture, "0", "from diffuse to an imitation of subsurface scattering"),
+    Parameter::new(
+        "flatness",
+        Kind::FloatOrTexture,
+        "0",
+        "from diffuse to an imitation of subsurface scattering",
+    ),
     Parameter::new("clearcoat", Kind::FloatOrTexture, "0", "amount of a second, white lobe"),
     Parameter::new("clearcoat_gloss", Kind::FloatOrTexture, "0", "its smoothness"),
-    Parameter::new("main_specular_sampling_rate", Kind::Float, "1", "no effect: it would only change the noise"),
+    Parameter::new(
+        "main_specular_sampling_rate",
+        Kind::Float,
+        "1",
+        "no effect: it would only change the noise",
+    ),
     Parameter::new("clearcoat_sampling_rate", Kind::Float, "1", "no effect: it would only change the noise"),
     Parameter::new(
         "diffuse_reflectance_sampling_rate",
@@ -412,7 +457,11 @@ fn is_perturbed(id: MaterialId, materials: &[Material]) -> bool {
 /// Diffuse and glossy parts side by side, such that each has its albedo.
 fn phong(p: &Properties, builder: &mut Builder) -> Result<Material, LoadError> {
     if p.texture("specular_reflectance")?.is_some() {
-        return Err(p.error("specular_reflectance", "a textured `specular_reflectance` of `phong`", "a colour"));
+        return Err(p.error(
+            "specular_reflectance",
+            "a textured `specular_reflectance` of `phong`",
+            "a colour",
+        ));
     }
     let exponent = p.float("exponent")?;
     if !(exponent >= 0.0 && exponent < 1e8) {
@@ -449,7 +498,8 @@ fn phong(p: &Properties, builder: &mut Builder) -> Result<Material, LoadError> {
 fn mixture(p: &Properties, builder: &mut Builder) -> Result<Material, LoadError> {
     let text = p.string("weights")?;
     let words = text.split(|c: char| c == ',' || c.is_whitespace()).filter(|w| !w.is_empty());
-    let weights: Option<Vec<f32>> = words.map(|w| w.parse().ok().filter(|x| (0.0..=1.0).contains(x))).collect();
+    let weights: Option<Vec<f32>> =
+        words.map(|w| w.parse().ok().filter(|x| (0.0..=1.0).contains(x))).collect();
     let parts = bsdfs(p, builder)?;
     let weights = weights
         .filter(|w| w.len() == parts.len() && !w.is_empty() && w.iter().sum::<f32>() <= 1.0 + 1e-4)
@@ -460,7 +510,11 @@ fn mixture(p: &Properties, builder: &mut Builder) -> Result<Material, LoadError>
         total += weight;
         let first = push(&mut builder.materials, mixed);
         // A new id after that of `second`: materials refer to earlier ones only.
-        mixed = Material::Blend { weight: (if total > 0.0 { weight / total } else { 0.0 }).into(), first, second };
+        mixed = Material::Blend {
+            weight: (if total > 0.0 { weight / total } else { 0.0 }).into(),
+            first,
+            second,
+        };
     }
     Ok(mixed)
 }

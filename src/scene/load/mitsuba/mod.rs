@@ -28,8 +28,8 @@ use rayon::prelude::*;
 use super::image::Images;
 use super::{DEFAULT_SAMPLE_COUNT, LoadError, Location, Log, bounds_of, default_film, framing_camera, push};
 use crate::scene::{
-    Camera, Emitter, FilmSettings, Filter, IntegratorSettings, Material, MaterialId, Rgb, Scene, Shape, Texture,
-    TextureId,
+    Camera, Emitter, FilmSettings, Filter, IntegratorSettings, Material, MaterialId, Rgb, Scene, Shape,
+    Texture, TextureId,
 };
 use emitters::Light;
 use properties::{Plugin, Properties, find};

@@ -18,7 +18,12 @@ pub(super) const PLUGINS: &[Plugin<Build>] = &[
         &[
             &[
                 Parameter::required("filename", Kind::String, "beside the scene, or in a <path>"),
-                Parameter::new("filter_type", Kind::String, "bilinear", "between texels: bilinear or nearest"),
+                Parameter::new(
+                    "filter_type",
+                    Kind::String,
+                    "bilinear",
+                    "between texels: bilinear or nearest",
+                ),
                 Parameter::new(
                     "wrap_mode",
                     Kind::String,
@@ -26,7 +31,12 @@ pub(super) const PLUGINS: &[Plugin<Build>] = &[
                     "beyond the image: repeat, mirror or clamp",
                 ),
                 Parameter::new("raw", Kind::Boolean, "false", "numbers as they are, not sRGB colours"),
-                Parameter::new("format", Kind::String, "variant", "no effect: images keep the depth of their file"),
+                Parameter::new(
+                    "format",
+                    Kind::String,
+                    "variant",
+                    "no effect: images keep the depth of their file",
+                ),
             ],
             TO_UV,
         ],
@@ -73,7 +83,10 @@ const TO_UV: &[Parameter] =
     &[Parameter::optional("to_uv", Kind::Transform, "texture coordinates of the surface to those used here")];
 
 fn bitmap(p: &Properties, builder: &mut Builder) -> Result<Texture, LoadError> {
-    p.choice("format", &[("variant", ()), ("auto", ()), ("fp16", ()), ("fp32", ()), ("float16", ()), ("float32", ())])?;
+    p.choice(
+        "format",
+        &[("variant", ()), ("auto", ()), ("fp16", ()), ("fp32", ()), ("float16", ()), ("float32", ())],
+    )?;
     let filter =
         p.choice("filter_type", &[("bilinear", TexelFilter::Bilinear), ("nearest", TexelFilter::Nearest)])?;
     let wraps = [("repeat", Wrap::Repeat), ("mirror", Wrap::Mirror), ("clamp", Wrap::Clamp)];
@@ -118,7 +131,8 @@ impl Builder<'_> {
                 let greatest = bitmap.image.max_value();
                 if greatest > 1.0 {
                     let location = p.document.locate(at);
-                    let message = format!("`{name}` has values up to {greatest}; what is above 1 counts as 1");
+                    let message =
+                        format!("`{name}` has values up to {greatest}; what is above 1 counts as 1");
                     self.log.warn(location, message);
                 }
             }
@@ -150,7 +164,11 @@ impl Builder<'_> {
             None => {}
         }
         if self.depth >= super::MAX_BSDF_DEPTH {
-            return self.error(at, "textures in each other", format!("at most {} levels", super::MAX_BSDF_DEPTH));
+            return self.error(
+                at,
+                "textures in each other",
+                format!("at most {} levels", super::MAX_BSDF_DEPTH),
+            );
         }
         self.texture_ids.insert(id, None);
         self.depth += 1;
