@@ -141,15 +141,15 @@ pub fn sample_pixel<Q: RayQuery, O: PathObserver>(
 struct FirstHit<'r>(&'r mut AovRecord);
 
 impl PathObserver for FirstHit<'_> {
-    fn segment(&mut self, depth: u32, _: &Ray, hit: Option<(&SurfaceVertex, f32)>, _: Rgb) {
+    fn segment(&mut self, depth: u32, ray: &Ray, vertex: Option<&SurfaceVertex>, _: Rgb) {
         if depth != 1 {
             return;
         }
-        *self.0 = match hit {
-            Some((vertex, t)) => AovRecord {
+        *self.0 = match vertex {
+            Some(vertex) => AovRecord {
                 shape: vertex.point.shape,
                 primitive: vertex.point.primitive,
-                depth: t,
+                depth: vertex.point.p.distance(ray.o),
                 position: vertex.point.p,
                 ng: vertex.point.ng,
                 ns: vertex.point.ns,

@@ -292,7 +292,7 @@ fn grazed_slivers_are_hit_within_their_own_extent() {
                     reach.iter().copied().fold(f64::MAX, f64::min),
                     reach.iter().copied().fold(0.0, f64::max),
                 ];
-                let t = f64::from(hit.t);
+                let t = f64::from(hit.distance(&shapes, &ray));
                 // Corners are up to 700 away and told apart to about 1e-4 of that.
                 assert!(near - 0.02 < t && t < far + 0.02, "{ray:?} {hit:?} outside {near}..{far}");
                 hits += 1;

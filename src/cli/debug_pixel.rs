@@ -44,21 +44,22 @@ fn show(v: Vec3) -> String {
 }
 
 impl PathObserver for Printer<'_, '_> {
-    fn segment(&mut self, depth: u32, ray: &Ray, hit: Option<(&SurfaceVertex, f32)>, beta: Rgb) {
+    fn segment(&mut self, depth: u32, ray: &Ray, vertex: Option<&SurfaceVertex>, beta: Rgb) {
         // Writing to a String cannot fail.
         let _ =
             writeln!(self.text, "  {depth}: from {} to {}  beta {}", show(ray.o), show(ray.d), show(beta));
-        let _ = match hit {
-            Some((vertex, t)) => {
+        let _ = match vertex {
+            Some(vertex) => {
                 let point = &vertex.point;
                 let shape = &self.world.scene.shapes[point.shape as usize];
                 writeln!(
                     self.text,
-                    "     hits `{}` (shape {}, primitive {}) at {} after t {t}\n     ng {} ns {} p_err {:e}\n     {:?}",
+                    "     hits `{}` (shape {}, primitive {}) at {} after t {}\n     ng {} ns {} p_err {:e}\n     {:?}",
                     shape.name,
                     point.shape,
                     point.primitive,
                     show(point.p),
+                    point.p.distance(ray.o),
                     show(point.ng),
                     show(point.ns),
                     point.p_err,

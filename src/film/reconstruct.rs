@@ -4,19 +4,23 @@ use super::dropped::is_kept;
 use super::filter::FilterTable;
 use super::samples::{PassSamples, Sample};
 use crate::scene::Rgb;
+use glam::Vec4;
 use std::ops::Range;
 
 /// Width of the block of pixels worked on at a time, so that its samples stay in the cache.
 const BLOCK_WIDTH: usize = 32;
 
 /// What the filter makes of one pass at one pixel: sum of f L (three channels) and sum of f.
+///
+/// The few samples around a pixel are summed in f32, whose rounding is far below their noise and has no bias; what adds up
+/// over the passes is exact.
 pub(super) type Weighted = [f64; 4];
 
 /// Radiance of a sample and the weight 1 it comes with. What is dropped counts as black.
 #[inline]
-fn weighted(sample: &Sample, limit: f32) -> Weighted {
+fn weighted(sample: &Sample, limit: f32) -> Vec4 {
     let kept = if is_kept(sample.radiance, limit) { sample.radiance } else { Rgb::ZERO };
-    [f64::from(kept.x), f64::from(kept.y), f64::from(kept.z), 1.0]
+    kept.extend(1.0)
 }
 
 /// Reconstructs pixels from samples. One per task, because it holds the weights of a block.
@@ -26,10 +30,10 @@ pub(super) struct Reconstruction<'a> {
     limit: f32,
     /// Samples per row of the block, with its border.
     width: usize,
-    contributions: Vec<Weighted>,
+    contributions: Vec<Vec4>,
     /// [`FilterTable::taps`] weights per sample and axis.
-    weights_x: Vec<f64>,
-    weights_y: Vec<f64>,
+    weights_x: Vec<f32>,
+    weights_y: Vec<f32>,
 }
 
 impl<'a> Reconstruction<'a> {
@@ -46,7 +50,8 @@ impl<'a> Reconstruction<'a> {
         if self.table.is_box() {
             for y in rows {
                 for x in 0..columns {
-                    add(x, y, weighted(&self.samples.samples()[self.samples.index(x, y)], self.limit));
+                    let sample = &self.samples.samples()[self.samples.index(x, y)];
+                    add(x, y, weighted(sample, self.limit).as_dvec4().to_array());
                 }
             }
             return;
@@ -56,7 +61,7 @@ impl<'a> Reconstruction<'a> {
             self.load(block.clone(), rows.clone());
             for y in rows.clone() {
                 for x in block.clone() {
-                    add(x, y, self.sum_around(x - block.start, y - rows.start));
+                    add(x, y, self.sum_around(x - block.start, y - rows.start).as_dvec4().to_array());
                 }
             }
         }
@@ -85,7 +90,7 @@ impl<'a> Reconstruction<'a> {
 
     /// Sums over the samples around a pixel of the block.
     #[inline]
-    fn sum_around(&self, x: usize, y: usize) -> Weighted {
+    fn sum_around(&self, x: usize, y: usize) -> Vec4 {
         // Constants, so that the loops are unrolled for the filters of a usual size.
         match self.table.taps() {
             3 => self.sum_taps(3, x, y),
@@ -96,26 +101,21 @@ impl<'a> Reconstruction<'a> {
     }
 
     // Without inlining there would be no constants.
-    #[allow(clippy::inline_always)]
     #[inline(always)]
-    fn sum_taps(&self, taps: usize, x: usize, y: usize) -> Weighted {
-        let mut total = [0.0; 4];
+    fn sum_taps(&self, taps: usize, x: usize, y: usize) -> Vec4 {
+        let mut total = Vec4::ZERO;
         for dy in 0..taps {
             let first = (y + dy) * self.width + x;
             let contributions = &self.contributions[first..][..taps];
             let weights_x = self.weights_x[first * taps..][..taps * taps].chunks_exact(taps);
             let weights_y = self.weights_y[first * taps..][..taps * taps].chunks_exact(taps);
-            let mut row = [0.0; 4];
+            let mut row = Vec4::ZERO;
             for (dx, ((c, wx), wy)) in contributions.iter().zip(weights_x).zip(weights_y).enumerate() {
                 // A sample `dx` columns after the first lies `dx - border` from the pixel, so the pixel `border - dx` from it.
                 let weight = wx[taps - 1 - dx] * wy[taps - 1 - dy];
-                for (sum, value) in row.iter_mut().zip(c) {
-                    *sum += weight * value;
-                }
+                row += *c * weight;
             }
-            for (sum, value) in total.iter_mut().zip(row) {
-                *sum += value;
-            }
+            total += row;
         }
         total
     }

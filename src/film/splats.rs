@@ -39,8 +39,8 @@ struct SplatTarget<'a> {
     size: IVec2,
     sums: &'a mut [ExactSum],
     /// Weights per axis.
-    x: Vec<f64>,
-    y: Vec<f64>,
+    x: Vec<f32>,
+    y: Vec<f32>,
 }
 
 impl<'a> SplatTarget<'a> {
@@ -76,7 +76,7 @@ impl<'a> SplatTarget<'a> {
         let mut overflows = 0;
         for (y, wy) in (first.y..).zip(&self.y).filter(|(y, _)| (0..self.size.y).contains(y)) {
             for (x, wx) in (first.x..).zip(&self.x).filter(|(x, _)| (0..self.size.x).contains(x)) {
-                let weight = wx * wy;
+                let weight = f64::from(*wx) * f64::from(*wy);
                 let pixel = (y as usize * self.size.x as usize + x as usize) * 3;
                 for (sum, value) in self.sums[pixel..pixel + 3].iter_mut().zip(splat.radiance.to_array()) {
                     overflows += u64::from(sum.add(self.quantum.round(weight * f64::from(value))));

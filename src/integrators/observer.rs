@@ -17,8 +17,8 @@ pub enum Technique {
 
 /// Is told of each step of a path. Integrators are generic over it, so that not watching costs nothing.
 pub trait PathObserver {
-    /// `ray` was traced and met `vertex` after `t`, or left the scene. `beta` is the throughput up to there; `depth` counts segments from 1.
-    fn segment(&mut self, depth: u32, ray: &Ray, hit: Option<(&SurfaceVertex, f32)>, beta: Rgb);
+    /// `ray` was traced and met `vertex`, or left the scene. `beta` is the throughput up to there; `depth` counts segments from 1.
+    fn segment(&mut self, depth: u32, ray: &Ray, vertex: Option<&SurfaceVertex>, beta: Rgb);
 
     /// Radiance `value`, weighted by `mis_weight` already, reaches the film.
     fn contribution(&mut self, technique: Technique, value: Rgb, mis_weight: f32);
@@ -30,7 +30,7 @@ pub struct Unobserved;
 
 impl PathObserver for Unobserved {
     #[inline]
-    fn segment(&mut self, _: u32, _: &Ray, _: Option<(&SurfaceVertex, f32)>, _: Rgb) {}
+    fn segment(&mut self, _: u32, _: &Ray, _: Option<&SurfaceVertex>, _: Rgb) {}
 
     #[inline]
     fn contribution(&mut self, _: Technique, _: Rgb, _: f32) {}

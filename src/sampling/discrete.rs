@@ -50,6 +50,9 @@ impl AliasTable {
     /// Draws an index with `u` in [0, 1).
     #[inline]
     pub fn sample(&self, u: f32) -> usize {
+        if self.bins.len() == 1 {
+            return 0;
+        }
         // f64, so that a table of millions of bins still has bits left to choose within one.
         let scaled = f64::from(u) * self.bins.len() as f64;
         let i = (scaled as usize).min(self.bins.len() - 1);

@@ -11,9 +11,12 @@
 //! continue with another scrambling of the same sequence; dimensions beyond 256 are independent hashes.
 
 use sobol_burley::NUM_DIMENSION_SETS_4D;
-use sobol_burley::parts::{Int4, hash_int4, owen_scramble_int4_rev, sobol_int4_rev};
+use sobol_burley::parts::{Int4, owen_scramble_int4_rev, sobol_int4_rev};
 
 const SEQUENCE_LENGTH_LOG2: u32 = 16;
+
+/// 2^64 over the golden ratio, the increment of SplitMix64.
+const GOLDEN: u64 = 0x9e37_79b9_7f4a_7c15;
 
 /// Mixes 64 bits (the finaliser of SplitMix64, Steele et al. 2014): every input bit affects every output bit.
 #[inline]
@@ -35,7 +38,7 @@ impl Sampler {
     #[inline]
     pub fn new(seed: u64, stream: u64, index: u32) -> Self {
         let epoch = u64::from(index >> SEQUENCE_LENGTH_LOG2);
-        let seed = mix(seed.wrapping_add(0x9e37_79b9_7f4a_7c15));
+        let seed = mix(seed.wrapping_add(GOLDEN));
         let stream = mix(seed ^ stream.wrapping_mul(0xd134_2543_de82_ef95));
         Self { key: mix(stream.wrapping_add(epoch)), index: index & ((1 << SEQUENCE_LENGTH_LOG2) - 1) }
     }
@@ -45,12 +48,12 @@ impl Sampler {
     pub fn block(&self, set: u32) -> [f32; 4] {
         if set < NUM_DIMENSION_SETS_4D {
             let sobol = sobol_int4_rev(self.index.reverse_bits(), set);
-            let [low, high] = [self.key as u32, (self.key >> 32) as u32];
-            // A scramble for each dimension: of the four, by four constants (the fractional parts of the first square roots).
+            // A scramble for each dimension of each stream.
+            let first = mix(self.key.wrapping_add(u64::from(2 * set).wrapping_mul(GOLDEN)));
+            let second = mix(self.key.wrapping_add(u64::from(2 * set + 1).wrapping_mul(GOLDEN)));
             let scramble =
-                Int4::from([low ^ 0x6a09_e667, low ^ 0xbb67_ae85, low ^ 0x3c6e_f372, low ^ 0xa54f_f53a])
-                    ^ Int4::from([high.wrapping_add(set.wrapping_mul(0x9e37_79b9)); 4]);
-            return owen_scramble_int4_rev(sobol, hash_int4(scramble)).reverse_bits().to_f32_norm();
+                Int4::from([first as u32, (first >> 32) as u32, second as u32, (second >> 32) as u32]);
+            return owen_scramble_int4_rev(sobol, scramble).reverse_bits().to_f32_norm();
         }
         let x = mix(self.key ^ (u64::from(self.index) << 32 | u64::from(set)));
         let y = mix(x ^ self.key.rotate_left(17));

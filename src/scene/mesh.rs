@@ -62,15 +62,16 @@ impl TriangleMesh {
     pub const COORDINATE_LIMIT: f32 = 1.844e18;
 
     /// Checks and takes the buffers. `normals` (unit length or zero) and `uvs` hold one entry per vertex or none at all.
+    /// Normals that say nothing beyond the triangles' own planes, as those of a box, are not kept.
     ///
     /// # Errors
     /// Any [`MeshError`]; see its variants.
     pub fn new(
         mut positions: Vec<Vec3>,
         triangles: Vec<[u32; 3]>,
-        normals: Vec<Vec3>,
+        mut normals: Vec<Vec3>,
         uvs: Vec<Vec2>,
-        flip_normals: bool,
+        mut flip_normals: bool,
     ) -> Result<Self, MeshError> {
         let vertices = positions.len();
         for (what, found) in [("vertices", vertices), ("triangles", triangles.len())] {
@@ -93,6 +94,10 @@ impl TriangleMesh {
             if let Some(&index) = t.iter().find(|&&i| i as usize >= vertices) {
                 return Err(MeshError::IndexOutOfRange { triangle, index, vertices });
             }
+        }
+        if let Some(turned_over) = are_flat(&positions, &triangles, &normals) {
+            normals = Vec::new();
+            flip_normals ^= turned_over;
         }
         positions.reserve_exact(1);
         positions.push(Vec3::ZERO);
@@ -153,4 +158,25 @@ impl TriangleMesh {
             + self.normals.capacity() * size_of::<Vec3>()
             + self.uvs.capacity() * size_of::<Vec2>()
     }
+}
+
+/// Whether all normals are those of the triangles they are used by (`Some(false)`) or their opposites (`Some(true)`), to within
+/// the rounding of unit vectors.
+fn are_flat(positions: &[Vec3], triangles: &[[u32; 3]], normals: &[Vec3]) -> Option<bool> {
+    const ROUNDING: f64 = 8.0 * f32::EPSILON as f64;
+    let &[first, ..] = triangles else { return None };
+    if normals.is_empty() {
+        return None;
+    }
+    let flat = |t: [u32; 3]| {
+        let [a, b, c] = t.map(|i| positions[i as usize].as_dvec3());
+        (b - a).cross(c - a).normalize_or_zero()
+    };
+    let turned_over = flat(first).dot(normals[first[0] as usize].as_dvec3()) < 0.0;
+    let sign = if turned_over { -1.0 } else { 1.0 };
+    let is_flat = |&t: &[u32; 3]| {
+        let n = flat(t) * sign;
+        t.iter().all(|&i| normals[i as usize].as_dvec3().distance_squared(n) < ROUNDING * ROUNDING)
+    };
+    triangles.iter().all(is_flat).then_some(turned_over)
 }

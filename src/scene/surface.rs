@@ -36,7 +36,7 @@ const SPHERE_TILT_ERROR: f32 = 1.0 / (1u64 << 42) as f32;
 
 impl SurfacePoint {
     /// The point with barycentric coordinates `u` (of the second corner) and `v` (of the third) on a triangle.
-    #[inline]
+    #[inline(always)]
     pub fn on_triangle(mesh: &TriangleMesh, shape: u32, triangle: u32, u: f32, v: f32) -> Self {
         let indices = mesh.triangles()[triangle as usize].map(|i| i as usize);
         let [a, b, c] = indices.map(|i| mesh.positions()[i]);
@@ -44,12 +44,11 @@ impl SurfacePoint {
         let p = a * w + b * u + c * v;
         let (e1, e2) = (b - a, c - a);
         let n = e1.cross(e2);
-        // Of edges below 1e-19 and above 1e19 the squares leave the range of f32.
         let length2 = n.length_squared();
         let mut ng = if length2 > f32::MIN_POSITIVE && length2 < f32::MAX {
-            n / length2.sqrt()
+            n * (1.0 / length2.sqrt())
         } else {
-            e1.as_dvec3().cross(e2.as_dvec3()).normalize_or_zero().as_vec3()
+            normal_of_extreme_edges(e1, e2)
         };
         let mut ns = ng;
         if !mesh.normals().is_empty() {
@@ -75,7 +74,7 @@ impl SurfacePoint {
     }
 
     /// The point of an analytic shape nearest to `near`, a point given in its unit space that is on it but for rounding.
-    #[inline]
+    #[inline(never)]
     pub fn on_analytic(analytic: &AnalyticShape, shape: u32, near: DVec3) -> Self {
         let phi = |q: DVec3| (q.y.atan2(q.x) / TAU).rem_euclid(1.0);
         let (q, n, uv) = match analytic.kind() {
@@ -110,7 +109,7 @@ impl SurfacePoint {
     }
 
     /// The point moved off the surface by its error bound, to the side that `d` points to.
-    #[inline]
+    #[inline(always)]
     pub fn offset_towards(&self, d: Vec3) -> Vec3 {
         self.p + self.ng * self.p_err.copysign(d.dot(self.ng))
     }
@@ -153,7 +152,7 @@ impl SurfacePoint {
     }
 
     /// The surface point of a hit at distance `t` along the ray from `o` in direction `d`.
-    #[inline]
+    #[inline(always)]
     #[allow(clippy::too_many_arguments)]
     pub fn from_hit(
         shapes: &[Shape],
@@ -173,4 +172,10 @@ impl SurfacePoint {
             }
         }
     }
+}
+
+/// Of edges below 1e-19 and above 1e19 the squares leave the range of f32.
+#[cold]
+fn normal_of_extreme_edges(e1: Vec3, e2: Vec3) -> Vec3 {
+    e1.as_dvec3().cross(e2.as_dvec3()).normalize_or_zero().as_vec3()
 }

@@ -115,7 +115,7 @@ pub enum Texture {
 }
 
 /// The colour of a texture at `uv`. Non-finite coordinates, which loaders do not let through, give some texel.
-#[inline]
+#[inline(never)] // Out of the way of paths without textures.
 pub fn color(textures: &[Texture], id: TextureId, uv: Vec2) -> Rgb {
     let Some((texture, before)) = textures.get(..=id.0 as usize).and_then(<[Texture]>::split_last) else {
         return Rgb::ZERO;
@@ -141,7 +141,7 @@ impl Texture {
 
 /// The number of a texture at `uv`: the luminance of its colour. But of a checkerboard the squares change places, as they do in
 /// Mitsuba 3.9 where a number is asked for.
-#[inline]
+#[inline(never)]
 pub fn number(textures: &[Texture], id: TextureId, uv: Vec2) -> f32 {
     match textures.get(id.0 as usize) {
         Some(&Texture::Checkerboard { color0, color1, to_uv }) => {

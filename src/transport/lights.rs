@@ -50,7 +50,7 @@ enum Light {
 /// A flat light farther away than this many times its diameter is sampled by area: the density per solid angle then varies by
 /// so little over it that the estimate hardly becomes noisier, and a sample is cheaper.
 /// Figures are in `vendor-notes/measurements.md`.
-const FAR: f32 = 2.0;
+const FAR: f32 = 1.0;
 
 /// Two triangles of a mesh that together are a rectangle.
 #[derive(Debug, Clone, Copy)]
@@ -58,11 +58,14 @@ struct Rectangle {
     placed: PlacedRectangle,
     ex: Vec3,
     ey: Vec3,
-    /// The surface points of `corner` and of the corner opposite, one on each triangle.
-    corners: [SurfacePoint; 2],
+    /// One of the corners where only one of the triangles is, and where error bounds are greatest.
+    corner: SurfacePoint,
     center: Vec3,
     /// Squared distance from `center` beyond which it is sampled by area.
     far_squared: f32,
+    /// Position and texture coordinates of that corner and of the one opposite, on the other triangle: the two are planes of
+    /// their own, to within rounding.
+    ends: [(Vec3, Vec2); 2],
     /// For each triangle, how texture coordinates change along `ex` and `ey`.
     uv_edges: [[Vec2; 2]; 2],
 }
@@ -211,7 +214,7 @@ impl<'s> Lights<'s> {
     fn emission(&self, light: Light) -> Rgb {
         match light {
             Light::Triangle { shape, .. } | Light::Analytic { shape } => self.shape_emission(shape),
-            Light::Rectangle(r) => self.shape_emission(self.rectangles[r as usize].corners[0].shape),
+            Light::Rectangle(r) => self.shape_emission(self.rectangles[r as usize].corner.shape),
             Light::Point { intensity, .. } => intensity,
             Light::Environment => self.environment.map_or(Rgb::ZERO, |(_, radiance)| radiance),
         }
@@ -288,6 +291,17 @@ impl<'s> Lights<'s> {
         self.environment
     }
 
+    /// Number of lights.
+    #[inline]
+    pub fn len(&self) -> usize {
+        self.all.len()
+    }
+
+    /// Whether nothing emits.
+    pub fn is_empty(&self) -> bool {
+        self.all.is_empty()
+    }
+
     /// Chooses a light: the light and its probability. `None` if nothing emits.
     #[inline]
     fn choose(&self, u: f32) -> Option<(LightId, Light, f32)> {
@@ -302,7 +316,7 @@ impl<'s> Lights<'s> {
 
     /// Draws a direction from a surface point to a light: `u[0]` chooses the light, `u[1..3]` the place on it.
     /// `None` where the chosen light sends nothing this way.
-    #[inline]
+    #[inline(always)]
     pub fn sample_li(&self, from: &SurfacePoint, u: [f32; 3]) -> Option<LiSample> {
         let (id, light, choice) = self.choose(u[0])?;
         let uv = Vec2::new(u[1], u[2]);
@@ -344,7 +358,7 @@ impl<'s> Lights<'s> {
         }
     }
 
-    #[inline]
+    #[inline(always)]
     fn sample_area_light(
         &self,
         id: LightId,
@@ -353,6 +367,24 @@ impl<'s> Lights<'s> {
         u: Vec2,
     ) -> Option<(SurfacePoint, AreaPdf)> {
         let by_area = AreaPdf::Area(self.inverse_areas[id.0 as usize]);
+        if let Light::Rectangle(r) = light {
+            let rectangle = &self.rectangles[r as usize];
+            if !rectangle.is_near(from) {
+                return Some((rectangle.point(u), by_area));
+            }
+        }
+        self.sample_near_or_curved(light, by_area, from, u)
+    }
+
+    /// What is worth a call: all but rectangles that are far.
+    #[inline(never)]
+    fn sample_near_or_curved(
+        &self,
+        light: Light,
+        by_area: AreaPdf,
+        from: Vec3,
+        u: Vec2,
+    ) -> Option<(SurfacePoint, AreaPdf)> {
         match light {
             Light::Triangle { shape, triangle } => {
                 let mesh = self.mesh(shape)?;
@@ -512,9 +544,9 @@ impl AreaPdf {
         match self {
             Self::SolidAngle(pdf) => pdf,
             Self::Area(pdf) => {
-                let cos = on.ng.dot(wi).abs();
+                let (cos, distance) = (on.ng.dot(wi).abs(), from.distance(on.p));
                 // Grouped so that a tiny area times a huge squared distance stays in range.
-                if cos > 0.0 { pdf * from.distance(on.p) * from.distance(on.p) / cos } else { 0.0 }
+                if cos > 0.0 { pdf * distance * distance / cos } else { 0.0 }
             }
         }
     }
@@ -579,18 +611,19 @@ impl Rectangle {
             let (u, v) = [(0.0, 0.0), (1.0, 0.0), (0.0, 1.0)][slot];
             SurfacePoint::on_triangle(mesh, shape, triangle, u, v)
         };
-        let corners = [at_corner(triangle, apex), at_corner(triangle + 1, opposite)];
+        let [first, second] = [at_corner(triangle, apex), at_corner(triangle + 1, opposite)];
         let uv_edges = [
-            [at_ex, at_ey].map(|slot| at_corner(triangle, slot).uv - corners[0].uv),
-            [slots_b[2], slots_b[1]].map(|slot| corners[1].uv - at_corner(triangle + 1, slot).uv),
+            [at_ex, at_ey].map(|slot| at_corner(triangle, slot).uv - first.uv),
+            [slots_b[2], slots_b[1]].map(|slot| second.uv - at_corner(triangle + 1, slot).uv),
         ];
         Some(Self {
             placed: PlacedRectangle::new(corner, ex, ey),
             ex,
             ey,
-            corners,
+            corner: SurfacePoint { p_err: first.p_err.max(second.p_err), ..first },
             center: corner + 0.5 * (ex + ey),
             far_squared: (FAR * (ex + ey).length()).powi(2),
+            ends: [(first.p, first.uv), (second.p, second.uv)],
             uv_edges,
         })
     }
@@ -598,22 +631,27 @@ impl Rectangle {
     /// The rectangle as a part of the sphere of directions; `None` where it is to be sampled by area.
     #[inline]
     fn seen_from(&self, p: Vec3) -> Option<SphericalRectangle> {
-        let is_near = self.center.distance_squared(p) < self.far_squared;
-        is_near.then(|| SphericalRectangle::new(&self.placed, p)).flatten()
+        self.is_near(p).then(|| SphericalRectangle::new(&self.placed, p)).flatten()
     }
 
-    /// The point at `corner + st.x ex + st.y ey`. Its error bound is that of the corner, where it is greatest; its shading normal
-    /// is the corner's too, which light does not depend on.
+    #[inline]
+    fn is_near(&self, p: Vec3) -> bool {
+        self.center.distance_squared(p) < self.far_squared
+    }
+
+    /// The point at `corner + st.x ex + st.y ey`. Its error bound is the greatest of the rectangle; its shading normal
+    /// is the corner's, which light does not depend on.
     #[inline]
     fn point(&self, st: Vec2) -> SurfacePoint {
-        let half = usize::from(st.x + st.y > 1.0);
-        let from = &self.corners[half];
-        let st = st - half as f32;
-        let [du, dv] = self.uv_edges[half];
+        let is_second = st.x + st.y > 1.0;
+        let (p, uv) = self.ends[usize::from(is_second)];
+        let [du, dv] = self.uv_edges[usize::from(is_second)];
+        let st = if is_second { st - 1.0 } else { st };
         SurfacePoint {
-            p: from.p + self.ex * st.x + self.ey * st.y,
-            uv: from.uv + du * st.x + dv * st.y,
-            ..*from
+            p: p + self.ex * st.x + self.ey * st.y,
+            uv: uv + du * st.x + dv * st.y,
+            primitive: self.corner.primitive + u32::from(is_second),
+            ..self.corner
         }
     }
 }

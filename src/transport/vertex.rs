@@ -38,7 +38,7 @@ pub struct Scatter {
 
 impl<'s> SurfaceVertex<'s> {
     /// The vertex where `ray` hits a surface.
-    #[inline]
+    #[inline(always)]
     pub fn new(materials: &'s Materials<'s>, hit: &Hit, ray: &Ray) -> Self {
         let scene = materials.scene();
         let point = hit.surface(&scene.shapes, ray);
@@ -52,14 +52,14 @@ impl<'s> SurfaceVertex<'s> {
 
     /// Whether `wi` is on the same side of the geometric and of the shading surface. Where it is not, light would
     /// leak through the surface; such directions scatter nothing (Veach 1997, section 5.3).
-    #[inline]
+    #[inline(always)]
     fn sides_agree(&self, w: Vec3, local: Vec3) -> bool {
         self.point.ng.dot(w) * local.z > 0.0
     }
 
     /// BSDF times cosine for the path that goes on in direction `wi`, world space. When importance is carried by light's own direction
     /// of travel ([`TransportMode::Importance`]), the cosine is corrected for shading normals (Veach 1997, eq. 5.19).
-    #[inline]
+    #[inline(always)]
     pub fn eval(&self, wi: Vec3, mode: TransportMode) -> Rgb {
         let wi_local = self.frame.to_local(wi);
         if !self.sides_agree(wi, wi_local) || !self.sides_agree(self.wo, self.wo_local) {
@@ -70,13 +70,13 @@ impl<'s> SurfaceVertex<'s> {
     }
 
     /// Density per solid angle with which [`scatter`](Self::scatter) draws `wi`; without delta lobes.
-    #[inline]
+    #[inline(always)]
     pub fn pdf_w(&self, wi: Vec3, mode: TransportMode) -> f32 {
         self.bsdf.pdf(self.wo_local, self.frame.to_local(wi), mode)
     }
 
     /// Draws a direction in which the path goes on. `None` where it ends.
-    #[inline]
+    #[inline(always)]
     pub fn scatter(&self, u: [f32; 3], mode: TransportMode) -> Option<Scatter> {
         if !self.sides_agree(self.wo, self.wo_local) {
             return None;
@@ -96,7 +96,7 @@ impl<'s> SurfaceVertex<'s> {
     }
 
     /// What the adjoint of a BSDF with a shading normal has over the BSDF itself; 1 for radiance and on flat surfaces.
-    #[inline]
+    #[inline(always)]
     fn correction(&self, wi: Vec3, wi_local: Vec3, mode: TransportMode) -> f32 {
         if mode == TransportMode::Radiance || self.point.ng == self.point.ns {
             return 1.0;

@@ -34,7 +34,7 @@ impl Walk {
     }
 
     /// Goes on from a vertex in a direction drawn from its BSDF. `false` where the path is absorbed.
-    #[inline]
+    #[inline(always)]
     pub fn scatter(&mut self, vertex: &SurfaceVertex, u: [f32; 3]) -> bool {
         let Some(scatter) = vertex.scatter(u, self.mode) else { return false };
         self.beta *= scatter.weight;
@@ -48,7 +48,7 @@ impl Walk {
     }
 
     /// Russian roulette: ends the path with a probability that keeps its throughput near 1. `false` where it ends.
-    #[inline]
+    #[inline(always)]
     pub fn survives(&mut self, u: f32) -> bool {
         let survival = (self.beta.max_element() * self.eta_scale).min(MAX_SURVIVAL);
         if u >= survival {

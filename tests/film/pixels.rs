@@ -59,7 +59,10 @@ fn a_constant_stays_constant_up_to_the_borders() {
             }
             let image = film.develop();
             for (name, value) in ["R", "G", "B"].into_iter().zip(colour.to_array()) {
-                assert!(image.floats(name).unwrap().iter().all(|&v| v == value), "{filter:?} {name}");
+                // A pass sums up to 81 products in f32, whose roundings of 2^-24 add up like a random walk: 9 steps, and 4 for the
+                // negative lobes.
+                let is_close = |&v: &f32| (v / value - 1.0).abs() < 13.0 * f32::EPSILON / 2.0;
+                assert!(image.floats(name).unwrap().iter().all(is_close), "{filter:?} {name}");
             }
         }
     }

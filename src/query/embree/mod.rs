@@ -8,6 +8,7 @@ mod device;
 mod ffi;
 mod geometry;
 
+use std::marker::PhantomData;
 use std::ptr;
 
 use glam::Vec3;
@@ -21,10 +22,6 @@ use device::Device;
 /// products in those tests are no denormals, which cost up to a quarter of the speed. (Flushing denormals to zero would
 /// have to be done on every thread that ever asks a query, and gains nothing beyond this.)
 const LEAST_DISTANCE: f32 = 1e-30;
-
-/// How far the distance of a hit may lie outside those of the triangle's corners before it is taken to be wrong, relative
-/// to the distance of the farthest corner: 128 roundings. Everyday hits keep the very distance that the queries compare.
-const DISTANCE_SLACK: f32 = 128.0 * f32::EPSILON;
 
 /// How an [`EmbreeQuery`] is built. The defaults are measured: see `vendor-notes/embree.md`.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
@@ -95,7 +92,7 @@ pub struct EmbreeQuery<'s> {
     // Dropped in this order: the scene before its device, both before the borrow of the shapes ends.
     scene: Scene,
     device: Device,
-    shapes: &'s [Shape],
+    shapes: PhantomData<&'s [Shape]>,
     bounds: Aabb,
 }
 
@@ -122,26 +119,7 @@ impl<'s> EmbreeQuery<'s> {
         }
         commit(&device, &scene, settings)?;
         let bounds = shapes.iter().fold(Aabb::EMPTY, |bounds, shape| bounds.union(shape.geometry.bounds()));
-        Ok(Self { scene, device, shapes, bounds })
-    }
-
-    /// Puts a distance that cannot be right back between those of the triangle's corners.
-    ///
-    /// Where a ray all but lies in the plane of a sliver, the division by their angle leaves nothing of the distance:
-    /// Embree reports 12291 for a triangle that is 600 away (its issues 387 and 423). Barycentrics are not affected. The
-    /// distance can only be mended for the hit that Embree chose; `occluded` and the choice itself stay as they are.
-    #[inline]
-    fn plausible_distance(&self, ray: &ffi::RTCRay, hit: &ffi::RTCHit) -> f32 {
-        let t = ray.tfar;
-        let Geometry::Mesh(mesh) = &self.shapes[hit.geomID as usize].geometry else { return t };
-        let d = Vec3::new(ray.dir_x, ray.dir_y, ray.dir_z);
-        let corners =
-            mesh.corners(hit.primID).map(|corner| corner - Vec3::new(ray.org_x, ray.org_y, ray.org_z));
-        let [a, b, c] = corners.map(|corner| corner.dot(d));
-        let slack =
-            DISTANCE_SLACK * corners.iter().fold(0.0, |far: f32, corner| far.max(corner.abs().max_element()));
-        let (near, far) = (a.min(b).min(c), a.max(b).max(c));
-        if t < near - slack || t > far + slack { t.clamp(near, far) } else { t }
+        Ok(Self { scene, device, shapes: PhantomData, bounds })
     }
 }
 
@@ -207,7 +185,7 @@ fn closed_interval(ray: &Ray) -> Option<ffi::RTCRay> {
 }
 
 impl RayQuery for EmbreeQuery<'_> {
-    #[inline]
+    #[inline(always)]
     fn intersect(&self, ray: &Ray) -> Option<Hit> {
         let ray = closed_interval(ray)?;
         let (tnear, tfar) = (ray.tnear, ray.tfar);
@@ -223,11 +201,11 @@ impl RayQuery for EmbreeQuery<'_> {
             primitive: query.hit.primID,
             u: query.hit.u,
             v: query.hit.v,
-            t: self.plausible_distance(&query.ray, &query.hit).clamp(tnear, tfar),
+            t: query.ray.tfar.clamp(tnear, tfar),
         })
     }
 
-    #[inline]
+    #[inline(always)]
     fn occluded(&self, ray: &Ray) -> bool {
         let Some(mut query) = closed_interval(ray) else { return false };
         // SAFETY: the scene is committed; `query` has the size and alignment of the header's struct.

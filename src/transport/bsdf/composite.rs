@@ -37,7 +37,8 @@ impl std::fmt::Debug for Composite<'_> {
 }
 
 impl<'s> Composite<'s> {
-    /// `at` says where. Its tangents are looked up for bumps only.
+    /// The material at a point. Tangents are looked up for bumps only.
+    #[inline(never)]
     pub(super) fn new(
         materials: &'s Materials<'s>,
         id: MaterialId,
@@ -106,6 +107,7 @@ impl<'s> Composite<'s> {
         if self.is_above { n } else { mirrored(n) }
     }
 
+    #[inline(never)]
     pub(super) fn sample(&self, wo: Vec3, u: [f32; 3], mode: TransportMode) -> Option<BsdfSample> {
         match self.parts()? {
             Parts::Principled(lobe) => lobe.sample(wo, u[0], Vec2::new(u[1], u[2]), mode),
@@ -114,6 +116,7 @@ impl<'s> Composite<'s> {
         }
     }
 
+    #[inline(never)]
     pub(super) fn eval(&self, wo: Vec3, wi: Vec3, mode: TransportMode) -> Rgb {
         match self.parts() {
             Some(Parts::Principled(lobe)) => lobe.eval(wo, wi, mode),
@@ -127,6 +130,7 @@ impl<'s> Composite<'s> {
         }
     }
 
+    #[inline(never)]
     pub(super) fn pdf(&self, wo: Vec3, wi: Vec3, mode: TransportMode) -> f32 {
         match self.parts() {
             Some(Parts::Principled(lobe)) => lobe.pdf(wo, wi),

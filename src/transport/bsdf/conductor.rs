@@ -22,7 +22,7 @@ impl Metal {
     }
 
     /// Reflection of a smooth surface.
-    #[inline]
+    #[inline(never)]
     pub(super) fn sample_mirror(&self, wo: Vec3) -> BsdfSample {
         let wi = Vec3::new(-wo.x, -wo.y, wo.z);
         BsdfSample { wi, weight: self.reflectance(wo.z), pdf: 1.0, is_delta: true, eta: 1.0 }
@@ -37,7 +37,7 @@ pub(super) struct RoughConductor {
 }
 
 impl RoughConductor {
-    #[inline]
+    #[inline(never)]
     pub(super) fn sample(&self, wo: Vec3, u: Vec2) -> Option<BsdfSample> {
         let m = self.facets.sample_visible(wo, u);
         let cos_om = wo.dot(m);
@@ -50,14 +50,14 @@ impl RoughConductor {
         Some(BsdfSample { wi, weight, pdf, is_delta: false, eta: 1.0 })
     }
 
-    #[inline]
+    #[inline(never)]
     pub(super) fn eval(&self, wo: Vec3, wi: Vec3) -> Rgb {
         let Some(m) = reflection_half_vector(wo, wi) else { return Rgb::ZERO };
         let f = self.facets.d(m) * self.facets.masking_over_cos(wo) * self.facets.masking_over_cos(wi) / 4.0;
         self.metal.reflectance(wo.dot(m).min(1.0)) * f
     }
 
-    #[inline]
+    #[inline(never)]
     pub(super) fn pdf(&self, wo: Vec3, wi: Vec3) -> f32 {
         reflection_half_vector(wo, wi).map_or(0.0, |m| reflection_pdf(&self.facets, wo, m))
     }

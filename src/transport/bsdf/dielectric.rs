@@ -34,7 +34,7 @@ impl Boundary {
     }
 
     /// Reflection (if `u` falls below the Fresnel reflectance) or refraction of a smooth boundary.
-    #[inline]
+    #[inline(never)]
     pub(super) fn sample_smooth(&self, wo: Vec3, u: f32, mode: TransportMode) -> BsdfSample {
         let fresnel = fresnel_dielectric(wo.z, wo.x * wo.x + wo.y * wo.y, self.eta);
         if u < fresnel.reflectance {
@@ -97,7 +97,7 @@ struct Refraction {
 }
 
 impl RoughDielectric {
-    #[inline]
+    #[inline(never)]
     pub(super) fn sample(&self, wo: Vec3, u: f32, u_normal: Vec2, mode: TransportMode) -> Option<BsdfSample> {
         let m = self.facets.sample_visible(wo, u_normal);
         let cos_o = wo.dot(m);
@@ -127,7 +127,7 @@ impl RoughDielectric {
         }
     }
 
-    #[inline]
+    #[inline(never)]
     pub(super) fn eval(&self, wo: Vec3, wi: Vec3, mode: TransportMode) -> Rgb {
         let masking = self.facets.masking_over_cos(wo) * self.facets.masking_over_cos(wi);
         if wi.z > 0.0 {
@@ -141,7 +141,7 @@ impl RoughDielectric {
         }
     }
 
-    #[inline]
+    #[inline(never)]
     pub(super) fn pdf(&self, wo: Vec3, wi: Vec3) -> f32 {
         if wi.z > 0.0 {
             let Some(m) = reflection_half_vector(wo, wi) else { return 0.0 };

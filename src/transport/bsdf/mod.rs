@@ -34,7 +34,7 @@ use glam::{Vec2, Vec3};
 use std::f32::consts::FRAC_1_PI;
 
 use crate::sampling::warp::{cosine_hemisphere_pdf, square_to_cosine_hemisphere};
-use crate::scene::{Input, Material, MaterialId, Rgb, SurfacePoint, Texture};
+use crate::scene::{Input, Material, MaterialId, Microfacet, Rgb, SurfacePoint, Texture};
 use composite::Composite;
 use conductor::{Metal, RoughConductor};
 use dielectric::{Boundary, RoughDielectric};
@@ -103,7 +103,7 @@ impl<'s> Bsdf<'s> {
     ///
     /// A rough boundary whose refracted lobe is too narrow for f32 (roughness times `|eta - 1|` below 1e-6) is prepared as
     /// a smooth one, or at the least roughness that can be resolved.
-    #[inline]
+    #[inline(always)]
     pub fn new(materials: &'s Materials<'s>, id: MaterialId, point: &SurfacePoint, is_above: bool) -> Self {
         let composite = |id, is_above| Composite::new(materials, id, point, is_above);
         Self { lobe: Lobe::new(materials, id, point.uv, is_above, composite), is_above }
@@ -111,34 +111,49 @@ impl<'s> Bsdf<'s> {
 
     /// Draws a direction for the path to go on; `u[0]` chooses the lobe, the others the direction, all in [0, 1).
     /// `None` if the light is absorbed or `wo` is not usable.
-    #[inline]
+    #[inline(always)]
     pub fn sample(&self, wo: Vec3, u: [f32; 3], mode: TransportMode) -> Option<BsdfSample> {
-        self.facing(wo, |lobe, wo, side| {
-            let sample = lobe.sample(wo, u, mode)?;
-            Some(BsdfSample { wi: sample.wi * side, ..sample })
-        })?
+        let mut other = Lobe::Black;
+        let (lobe, wo, side) = self.facing(wo, &mut other)?;
+        let sample = lobe.sample(wo, u, mode)?;
+        Some(BsdfSample { wi: sample.wi * side, ..sample })
     }
 
     /// The value `f(wo, wi)`, without the cosine; 0 for delta lobes.
     ///
     /// In mode `Radiance` light flows from `wi` to `wo`, in mode `Importance` from `wo` to `wi`:
     /// `eval(wo, wi, Importance) == eval(wi, wo, Radiance)`.
-    #[inline]
+    #[inline(always)]
     pub fn eval(&self, wo: Vec3, wi: Vec3, mode: TransportMode) -> Rgb {
-        self.facing(wo, |lobe, wo, side| lobe.eval(wo, wi * side, mode)).unwrap_or(Rgb::ZERO)
+        let mut other = Lobe::Black;
+        self.facing(wo, &mut other).map_or(Rgb::ZERO, |(lobe, wo, side)| lobe.eval(wo, wi * side, mode))
     }
 
     /// Density per solid angle with which [`sample`](Self::sample) draws `wi`, without delta lobes. It integrates to the probability
     /// that `sample` returns anything.
-    #[inline]
+    #[inline(always)]
     pub fn pdf(&self, wo: Vec3, wi: Vec3, mode: TransportMode) -> f32 {
-        self.facing(wo, |lobe, wo, side| lobe.pdf(wo, wi * side, mode)).unwrap_or(0.0)
+        let mut other = Lobe::Black;
+        self.facing(wo, &mut other).map_or(0.0, |(lobe, wo, side)| lobe.pdf(wo, wi * side, mode))
     }
 
     /// Whether there are only delta lobes (or none at all), so that the vertex cannot be connected.
     #[inline]
     pub fn is_delta(&self) -> bool {
         self.lobe.is_delta()
+    }
+
+    /// Whether `u[0]` of [`sample`](Self::sample) matters: there is more than one lobe to choose from.
+    #[inline]
+    pub fn has_lobes(&self) -> bool {
+        matches!(
+            self.lobe,
+            Lobe::Dielectric(_)
+                | Lobe::RoughDielectric(_)
+                | Lobe::ThinDielectric(_)
+                | Lobe::Plastic(_)
+                | Lobe::Composite(_)
+        )
     }
 
     /// Whether the tangents of the frame matter, and not its normal alone.
@@ -151,29 +166,32 @@ impl<'s> Bsdf<'s> {
     /// without the radiance's change by the index); rough ones answer as if they were smooth.
     #[inline]
     pub fn albedo(&self, wo: Vec3) -> Rgb {
-        self.facing(wo, |lobe, wo, _| lobe.albedo(wo)).unwrap_or(Rgb::ZERO)
+        let mut other = Lobe::Black;
+        self.facing(wo, &mut other).map_or(Rgb::ZERO, |(lobe, wo, _)| lobe.albedo(wo))
     }
 
-    /// Calls `f` with the lobe on `wo`'s side, `wo` in its coordinates, and the factor that turns other directions over too.
-    #[inline]
-    fn facing<R>(&self, wo: Vec3, f: impl FnOnce(&Lobe, Vec3, Vec3) -> R) -> Option<R> {
-        let side = if wo.z > 0.0 {
-            Vec3::ONE
-        } else if wo.z < 0.0 {
-            Vec3::new(1.0, 1.0, -1.0)
-        } else {
+    /// The lobe on `wo`'s side, `wo` in its coordinates, and the factor that turns other directions over too. `other` is where the
+    /// lobe is put if it is not the one that was prepared.
+    #[inline(always)]
+    fn facing<'a>(&'a self, wo: Vec3, other: &'a mut Lobe<'s>) -> Option<(&'a Lobe<'s>, Vec3, Vec3)> {
+        let is_above = wo.z > 0.0;
+        // Neither side: in the plane of the surface, or NaN.
+        if wo.z == 0.0 || wo.z.is_nan() {
             return None;
-        };
-        if (wo.z > 0.0) == self.is_above {
-            return Some(f(&self.lobe, wo * side, side));
         }
-        self.lobe.turned_over().map(|lobe| f(&lobe, wo * side, side))
+        let side = Vec3::new(1.0, 1.0, if is_above { 1.0 } else { -1.0 });
+        if is_above == self.is_above {
+            return Some((&self.lobe, wo * side, side));
+        }
+        *other = self.lobe.turned_over()?;
+        Some((other, wo * side, side))
     }
 }
 
+// Only the diffuse lobe is inlined into integrators. The others do enough work to be worth a call, and would crowd it out.
 impl<'s> Lobe<'s> {
     /// Prepares a material for the side that is looked at. `composite` makes the lobe of one that is made of others, for a side.
-    #[inline]
+    #[inline(always)]
     fn new(
         materials: &'s Materials<'s>,
         id: MaterialId,
@@ -206,7 +224,7 @@ impl<'s> Lobe<'s> {
     }
 
     /// The front of a material; of composites the side that `composite` makes.
-    #[inline]
+    #[inline(always)]
     fn of_material(
         materials: &'s Materials<'s>,
         id: MaterialId,
@@ -242,14 +260,9 @@ impl<'s> Lobe<'s> {
                 specular_reflectance,
                 specular_transmittance,
             } => {
-                let boundary = boundary(eta, specular_reflectance, specular_transmittance);
                 let alpha = alpha.map(|a| a.at(textures, uv));
-                let min_alpha = MIN_REFRACTED_WIDTH / (eta - 1.0).abs();
-                if alpha[0].max(alpha[1]) < min_alpha {
-                    return Self::Dielectric(boundary);
-                }
-                let facets = Microfacets::new(distribution, alpha, min_alpha);
-                Self::RoughDielectric(RoughDielectric { facets, boundary })
+                let boundary = boundary(eta, specular_reflectance, specular_transmittance);
+                Self::rough_dielectric(distribution, alpha, boundary)
             }
             Material::ThinDielectric { eta, specular_reflectance, specular_transmittance } => {
                 Self::ThinDielectric(boundary(eta, specular_reflectance, specular_transmittance))
@@ -269,8 +282,18 @@ impl<'s> Lobe<'s> {
         }
     }
 
+    #[inline(never)]
+    fn rough_dielectric(distribution: Microfacet, alpha: [f32; 2], boundary: Boundary) -> Self {
+        let min_alpha = MIN_REFRACTED_WIDTH / (boundary.eta - 1.0).abs();
+        if alpha[0].max(alpha[1]) < min_alpha {
+            return Self::Dielectric(boundary);
+        }
+        let facets = Microfacets::new(distribution, alpha, min_alpha);
+        Self::RoughDielectric(RoughDielectric { facets, boundary })
+    }
+
     /// What is seen from the other side, if light gets there.
-    #[inline]
+    #[inline(never)]
     fn turned_over(&self) -> Option<Self> {
         match *self {
             Self::Dielectric(boundary) => Some(Self::Dielectric(boundary.turned_over())),
@@ -287,7 +310,7 @@ impl<'s> Lobe<'s> {
         }
     }
 
-    #[inline]
+    #[inline(always)]
     fn sample(&self, wo: Vec3, [u, u1, u2]: [f32; 3], mode: TransportMode) -> Option<BsdfSample> {
         let u_direction = Vec2::new(u1, u2);
         match self {
@@ -308,7 +331,7 @@ impl<'s> Lobe<'s> {
         }
     }
 
-    #[inline]
+    #[inline(always)]
     fn eval(&self, wo: Vec3, wi: Vec3, mode: TransportMode) -> Rgb {
         match self {
             Self::Diffuse { reflectance } if wi.z > 0.0 => *reflectance * FRAC_1_PI,
@@ -325,7 +348,7 @@ impl<'s> Lobe<'s> {
         }
     }
 
-    #[inline]
+    #[inline(always)]
     fn pdf(&self, wo: Vec3, wi: Vec3, mode: TransportMode) -> f32 {
         match self {
             Self::Black | Self::Conductor(_) | Self::Dielectric(_) | Self::ThinDielectric(_) | Self::Null => {

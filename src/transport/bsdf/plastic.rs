@@ -133,7 +133,7 @@ pub(super) struct Plastic<'s> {
 }
 
 impl<'s> Plastic<'s> {
-    #[inline]
+    #[inline(never)]
     pub(super) fn new(coat: &'s Coat, diffuse: Rgb, specular: Rgb, nonlinear: bool) -> Self {
         let internal = coat.internal_reflectance;
         let lost = if nonlinear { diffuse * internal } else { Rgb::splat(internal) };
@@ -143,7 +143,7 @@ impl<'s> Plastic<'s> {
         Self { coat, specular, base, specular_weight }
     }
 
-    #[inline]
+    #[inline(never)]
     pub(super) fn sample(&self, wo: Vec3, u: f32, u_direction: Vec2) -> Option<BsdfSample> {
         let specular = self.specular_probability(wo.z);
         if u >= specular {
@@ -170,7 +170,7 @@ impl<'s> Plastic<'s> {
         (wi.z > 0.0 && pdf > 0.0).then_some(BsdfSample { wi, weight, pdf, is_delta: false, eta: 1.0 })
     }
 
-    #[inline]
+    #[inline(never)]
     pub(super) fn eval(&self, wo: Vec3, wi: Vec3) -> Rgb {
         if wi.z <= 0.0 {
             return Rgb::ZERO;
@@ -184,7 +184,7 @@ impl<'s> Plastic<'s> {
         diffuse + self.specular * (reflectance * rough.facets.d(m) * masking / 4.0)
     }
 
-    #[inline]
+    #[inline(never)]
     pub(super) fn pdf(&self, wo: Vec3, wi: Vec3) -> f32 {
         if wi.z <= 0.0 {
             return 0.0;
