@@ -6,7 +6,7 @@ use glam::{DVec3, Vec2, Vec3};
 use helmholtz::scene::load::{LoadOptions, Loaded, Severity, load, mitsuba};
 use helmholtz::scene::{
     AnalyticKind, Emitter, Filter, FovAxis, Geometry, Input, Lens, Material, Microfacet, Scene, Shape,
-    TriangleMesh,
+    Texture, TriangleMesh,
 };
 
 /// A folder for the files of one test, with its path in messages shortened.
@@ -712,4 +712,89 @@ fn published_scenes_load() {
         let found: usize = scene.shapes.iter().map(triangle_count).sum();
         assert_eq!(found, triangles, "{name}");
     }
+}
+
+#[test]
+fn textures_take_the_place_of_values() {
+    let folder = Folder::new();
+    let image = concat!(env!("CARGO_MANIFEST_DIR"), "/tests/scenes/textures/patches.png");
+    let texture = format!(
+        "<texture type='bitmap' id='t' name='reflectance'><string name='filename' value='{image}'/></texture>"
+    );
+    let scene = |body: &str| format!("<scene version='3.0.0'>{body}</scene>");
+    let load = |body: &str| {
+        folder.write("a.xml", scene(body));
+        folder.load("a.xml", &LoadOptions::default())
+    };
+    let loaded = load(&format!(
+        "<bsdf type='diffuse'>{texture}</bsdf><bsdf type='diffuse'><ref id='t' name='reflectance'/></bsdf>
+         <bsdf type='plastic'><texture type='bitmap' name='diffuse_reflectance'><string name='filename' value='{image}'/>
+         <boolean name='raw' value='true'/></texture></bsdf>"
+    ));
+    let scene = loaded.unwrap().scene;
+    assert_eq!(scene.textures.len(), 2, "one per texture");
+    let images: Vec<_> = scene
+        .textures
+        .iter()
+        .map(|t| if let Texture::Bitmap(b) = t { std::sync::Arc::as_ptr(&b.image) } else { panic!() })
+        .collect();
+    assert_eq!(images[0], images[1], "one image per file");
+    let error = load(&format!("<bsdf type='diffuse'>{texture}<float name='reflectance' value='1'/></bsdf>"))
+        .unwrap_err();
+    assert!(error.contains("given twice"), "{error}");
+    let error = load(
+        "<bsdf type='diffuse'><texture type='bitmap' name='reflectance'><string name='filename' value='no.png'/></texture></bsdf>",
+    );
+    assert!(error.unwrap_err().contains("a.xml:1:"));
+    let error = load("<bsdf type='diffuse'><texture type='perlin' name='reflectance'/></bsdf>").unwrap_err();
+    assert!(error.contains("bitmap, checkerboard, scale"), "{error}");
+    let error =
+        load("<bsdf type='dielectric'><texture type='checkerboard' name='int_ior'/></bsdf>").unwrap_err();
+    assert!(error.contains("not supported"), "{error}");
+}
+
+/// What Mitsuba 3 does not have any more, by translation.
+#[test]
+fn materials_of_mitsuba_06_are_translated() {
+    let scene =
+        xml("<bsdf type='mixturebsdf'><string name='weights' value='0.5, 0.2'/><bsdf type='diffuse'/>
+         <bsdf type='conductor'/></bsdf>");
+    // 0.3 of nothing, then 0.5 of 0.8, then 0.2 of all.
+    let weights: Vec<_> = scene
+        .materials
+        .iter()
+        .filter_map(
+            |m| if let Material::Blend { weight: Input::Constant(w), .. } = m { Some(*w) } else { None },
+        )
+        .collect();
+    assert_eq!(weights.len(), 2);
+    assert!((weights[0] - 0.625).abs() < 1e-6 && (weights[1] - 0.2).abs() < 1e-6, "{weights:?}");
+    let scene = xml("<bsdf type='phong'><rgb name='specular_reflectance' value='0.2 0.1 0'/><float name='exponent' value='98'/></bsdf>");
+    let Some(&Material::Blend { weight: Input::Constant(weight), first, second }) = scene.materials.last()
+    else {
+        panic!()
+    };
+    let Material::Diffuse { reflectance: Input::Constant(kd) } = scene.materials[first.0 as usize] else {
+        panic!()
+    };
+    let Material::RoughConductor { alpha: [Input::Constant(alpha), _], specular_reflectance, .. } =
+        scene.materials[second.0 as usize]
+    else {
+        panic!()
+    };
+    let Input::Constant(ks) = specular_reflectance else { panic!() };
+    assert!(near(kd * (1.0 - weight), [0.5; 3]) && near(ks * weight, [0.2, 0.1, 0.0]));
+    assert!((alpha * alpha - 0.02).abs() < 1e-6);
+}
+
+#[test]
+fn conductors_have_names() {
+    let Material::Conductor { eta: Input::Constant(eta), k: Input::Constant(k), .. } =
+        material("<bsdf type='conductor'><string name='material' value='Au'/></bsdf>")
+    else {
+        panic!()
+    };
+    // As Mitsuba 3.9.1 prints them in scalar_rgb.
+    assert!((eta - Vec3::new(0.14304, 0.37531, 1.44205)).abs().max_element() < 1e-4);
+    assert!((k - Vec3::new(3.983, 2.38556, 1.60336)).abs().max_element() < 1e-4);
 }

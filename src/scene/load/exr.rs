@@ -9,7 +9,7 @@ use half::f16;
 use lib::{FlatSamples, ReadChannels, ReadLayers};
 
 use super::image::{Content, check_claim, finish, refuse};
-use super::{LoadError, Log};
+use super::{LoadError, Location, Log};
 use crate::scene::{Image, Texels};
 
 /// Whether a file starts as `OpenEXR` does.
@@ -36,6 +36,9 @@ pub(super) fn decode(path: &Path, bytes: &[u8], content: Content, log: &mut Log)
         .map_err(broken)?;
     for layer in &image.layer_data {
         let Some(channels) = choose(&layer.channel_data.list, content) else { continue };
+        if layer.channel_data.list.iter().any(|c| c.name.eq("RY")) {
+            log.warn(Location::file(path), "chroma (RY, BY) is not read: the image becomes grey");
+        }
         let size = UVec2::new(layer.size.0 as u32, layer.size.1 as u32);
         let mut texels = interleave(&channels);
         if let (3, Some(c)) = (channels.len(), image.attributes.chromaticities) {
