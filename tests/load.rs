@@ -769,7 +769,9 @@ fn materials_of_mitsuba_06_are_translated() {
         .collect();
     assert_eq!(weights.len(), 2);
     assert!((weights[0] - 0.625).abs() < 1e-6 && (weights[1] - 0.2).abs() < 1e-6, "{weights:?}");
-    let scene = xml("<bsdf type='phong'><rgb name='specular_reflectance' value='0.2 0.1 0'/><float name='exponent' value='98'/></bsdf>");
+    let scene = xml(
+        "<bsdf type='phong'><rgb name='specular_reflectance' value='0.2 0.1 0'/><float name='exponent' value='98'/></bsdf>",
+    );
     let Some(&Material::Blend { weight: Input::Constant(weight), first, second }) = scene.materials.last()
     else {
         panic!()

@@ -41,7 +41,7 @@ impl Images {
         let mut wanted: Vec<(PathBuf, Location)> = Vec::new();
         let mut known = std::collections::HashSet::new();
         for (path, from) in files {
-            if !self.loaded.contains_key(&(path.clone(), Content::Color)) && known.insert(path.clone()) {
+            if known.insert(canonical(&path)) {
                 wanted.push((path, from));
             }
         }
@@ -55,7 +55,7 @@ impl Images {
             .collect();
         for (path, image, messages) in results {
             log.absorb(messages);
-            self.loaded.insert((path, Content::Color), image);
+            self.loaded.insert((canonical(&path), Content::Color), image);
         }
     }
 
@@ -67,9 +67,14 @@ impl Images {
         content: Content,
         log: &mut Log,
     ) -> Result<Arc<Image>, LoadError> {
-        let image = self.loaded.entry((path.to_path_buf(), content));
+        let image = self.loaded.entry((canonical(path), content));
         image.or_insert_with(|| read(path, from, content, log).map(Arc::new)).clone()
     }
+}
+
+/// The one name of a file that has many.
+fn canonical(path: &Path) -> PathBuf {
+    path.canonicalize().unwrap_or_else(|_| path.to_path_buf())
 }
 
 /// Reads an image file. `from` is where it was named, if in another file.

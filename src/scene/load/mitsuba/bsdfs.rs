@@ -1,6 +1,6 @@
 //! The `bsdf` plugins.
 
-use super::super::{LoadError, push};
+use super::super::LoadError;
 use super::Builder;
 use super::conductors::CONDUCTORS;
 use super::properties::{Kind, Parameter, Plugin, Properties};
@@ -479,7 +479,7 @@ fn phong(p: &Properties, builder: &mut Builder) -> Result<Material, LoadError> {
             Input::Texture(crate::scene::TextureId(builder.textures.len() as u32 - 1))
         }
     };
-    let first = push(&mut builder.materials, Material::Diffuse { reflectance });
+    let first = builder.push_material(Material::Diffuse { reflectance }, p.object.at)?;
     if weight == 0.0 {
         return Ok(Material::Diffuse { reflectance });
     }
@@ -490,7 +490,7 @@ fn phong(p: &Properties, builder: &mut Builder) -> Result<Material, LoadError> {
         k: Rgb::ONE.into(),
         specular_reflectance: (specular / weight).min(Rgb::ONE).into(),
     };
-    let second = push(&mut builder.materials, glossy);
+    let second = builder.push_material(glossy, p.object.at)?;
     Ok(Material::Blend { weight: weight.into(), first, second })
 }
 
@@ -508,7 +508,7 @@ fn mixture(p: &Properties, builder: &mut Builder) -> Result<Material, LoadError>
     let mut total = (1.0 - weights.iter().sum::<f32>()).max(0.0);
     for (&second, &weight) in parts.iter().zip(&weights) {
         total += weight;
-        let first = push(&mut builder.materials, mixed);
+        let first = builder.push_material(mixed, p.object.at)?;
         // A new id after that of `second`: materials refer to earlier ones only.
         mixed = Material::Blend {
             weight: (if total > 0.0 { weight / total } else { 0.0 }).into(),

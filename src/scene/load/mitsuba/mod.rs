@@ -64,6 +64,7 @@ pub(super) fn load(path: &Path, defines: &[(String, String)], log: &mut Log) -> 
         textures: Vec::new(),
         texture_ids: HashMap::new(),
         materials: Vec::new(),
+        parts: Vec::new(),
         material_ids: HashMap::new(),
         default_materials: Vec::new(),
         depth: 0,
@@ -80,6 +81,10 @@ pub(super) fn load(path: &Path, defines: &[(String, String)], log: &mut Log) -> 
 
 /// BSDFs nested in or referring to each other; building recurses.
 const MAX_BSDF_DEPTH: usize = 50;
+
+/// Materials that one is made of. BSDFs that refer to others can multiply: each of 50 that blends the one before with itself
+/// would take for ever to evaluate.
+const MAX_BSDF_PARTS: u32 = 64;
 
 /// A shape whose geometry may yet have to be loaded.
 struct PlannedShape {
@@ -104,6 +109,8 @@ struct Builder<'a> {
     /// `None` while a texture is being built.
     texture_ids: HashMap<ObjectId, Option<TextureId>>,
     materials: Vec<Material>,
+    /// Of how many others each of the materials is made.
+    parts: Vec<u32>,
     /// `None` while a BSDF is being built, which is how circles are noticed.
     material_ids: HashMap<ObjectId, Option<MaterialId>>,
     default_materials: Vec<MaterialId>,
@@ -177,7 +184,7 @@ impl<'a> Builder<'a> {
             Some((build, properties)) => {
                 let material = build(&properties, self)?;
                 properties.finish()?;
-                push(&mut self.materials, material)
+                self.push_material(material, at)?
             }
             None => self.default_material(super::GREY),
         };
@@ -186,11 +193,28 @@ impl<'a> Builder<'a> {
         Ok(material)
     }
 
+    /// Adds a material that comes after those it is made of.
+    fn push_material(&mut self, material: Material, at: Span) -> Result<MaterialId, LoadError> {
+        let of = |id: MaterialId| self.parts[id.0 as usize];
+        let parts = match material {
+            Material::Blend { first, second, .. } => of(first) + of(second),
+            Material::TwoSided { front, back } => of(front).max(of(back)),
+            Material::Mask { material, .. } | Material::Perturbed { material, .. } => of(material) + 1,
+            _ => 1,
+        };
+        if parts > MAX_BSDF_PARTS {
+            return self.error(at, "a BSDF of too many others", format!("at most {MAX_BSDF_PARTS}"));
+        }
+        self.parts.push(parts);
+        Ok(push(&mut self.materials, material))
+    }
+
     /// One of the materials of shapes that name none: those are few, and each is kept once.
     fn default_material(&mut self, material: Material) -> MaterialId {
         let found =
             self.default_materials.iter().copied().find(|id| self.materials[id.0 as usize] == material);
         found.unwrap_or_else(|| {
+            self.parts.push(1);
             let id = push(&mut self.materials, material);
             self.default_materials.push(id);
             id
