@@ -80,7 +80,7 @@ fn third_party_images_are_loaded_or_refused_as_they_deserve() {
             (expected.get(2), channels),
             (Some(&("RGB" | "RGBA")), "3") | (Some(&("Y" | "YA")), "1")
         );
-        if !same_layout || name.ends_with(".jpg") {
+        if !same_layout || name.starts_with("jpg-") {
             continue;
         }
         for (channel, (ours, theirs)) in means(&image).into_iter().zip(&expected[3..]).enumerate() {

@@ -47,7 +47,7 @@ impl Image {
     pub fn new(size: UVec2, channels: u32, texels: Texels) -> Option<Self> {
         let count = u64::from(size.x) * u64::from(size.y) * u64::from(channels);
         // Coordinates are computed in i32.
-        let fits = matches!(channels, 1 | 3) && count > 0 && size.max_element() <= i32::MAX as u32;
+        let fits = matches!(channels, 1 | 3) && count > 0 && i32::try_from(size.max_element()).is_ok();
         (fits && count == texels.len() as u64).then_some(Self { size, channels, texels })
     }
 

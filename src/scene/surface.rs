@@ -146,7 +146,7 @@ impl SurfacePoint {
                 local.map(|d| analytic.to_world().transform_vector3(d))
             }
         };
-        let derivatives = derivatives.map(|d| d.as_vec3());
+        let derivatives = derivatives.map(DVec3::as_vec3);
         let sound = |d: &Vec3| d.is_finite() && *d != Vec3::ZERO;
         derivatives.iter().all(sound).then_some(derivatives)
     }

@@ -41,10 +41,9 @@ pub(super) fn decode(path: &Path, bytes: &[u8], content: Content, log: &mut Log)
         }
         let size = UVec2::new(layer.size.0 as u32, layer.size.1 as u32);
         let mut texels = interleave(&channels);
-        if let (3, Some(c)) = (channels.len(), image.attributes.chromaticities) {
-            if let Some(matrix) = to_rec_709(&c) {
-                texels = converted(&texels, matrix);
-            }
+        let primaries = image.attributes.chromaticities.filter(|_| channels.len() == 3);
+        if let Some(matrix) = primaries.and_then(|c| to_rec_709(&c)) {
+            texels = converted(&texels, matrix);
         }
         return finish(path, size, channels.len() as u32, texels, log);
     }

@@ -84,9 +84,9 @@ pub(super) fn read(
     content: Content,
     log: &mut Log,
 ) -> Result<Image, LoadError> {
-    let mut bytes = log.read(path, from)?;
-    // The other name of the same format, which `image` does not know.
+    // The other name of Radiance HDR, which `image` does not know.
     const RGBE: &[u8] = b"#?RGBE";
+    let mut bytes = log.read(path, from)?;
     if bytes.starts_with(RGBE) {
         bytes.splice(..RGBE.len(), *b"#?RADIANCE");
     }
@@ -148,8 +148,8 @@ fn select(image: DynamicImage, content: Content) -> Option<(u32, Texels)> {
         D::ImageLuma16(i) => (1, Texels::U16(i.into_raw())),
         D::ImageRgb16(i) => (3, Texels::U16(i.into_raw())),
         D::ImageRgb32F(i) => (3, Texels::F32(i.into_raw())),
-        D::ImageLumaA8(i) => (1, Texels::U8(pick(&i.into_raw(), 2, if alpha { 1 } else { 0 }, 1))),
-        D::ImageLumaA16(i) => (1, Texels::U16(pick(&i.into_raw(), 2, if alpha { 1 } else { 0 }, 1))),
+        D::ImageLumaA8(i) => (1, Texels::U8(pick(&i.into_raw(), 2, usize::from(alpha), 1))),
+        D::ImageLumaA16(i) => (1, Texels::U16(pick(&i.into_raw(), 2, usize::from(alpha), 1))),
         D::ImageRgba8(i) if alpha => (1, Texels::U8(pick(&i.into_raw(), 4, 3, 1))),
         D::ImageRgba16(i) if alpha => (1, Texels::U16(pick(&i.into_raw(), 4, 3, 1))),
         D::ImageRgba8(i) => (3, Texels::U8(pick(&i.into_raw(), 4, 0, 3))),

@@ -217,8 +217,8 @@ fn parse_map(text: &str) -> Map {
         let (least, most) = match option {
             "-s" | "-o" | "-t" => (1, 3),
             "-mm" => (1, 2),
-            "-bm" | "-boost" | "-texres" => (1, 1),
-            "-clamp" | "-blendu" | "-blendv" | "-cc" | "-imfchan" | "-type" => (1, 1),
+            "-bm" | "-boost" | "-texres" | "-clamp" | "-blendu" | "-blendv" | "-cc" | "-imfchan"
+            | "-type" => (1, 1),
             // A name that begins with a dash.
             _ => break,
         };

@@ -124,6 +124,9 @@ impl PrincipledLobe {
     }
 
     pub(super) fn pdf(&self, wo: Vec3, wi: Vec3) -> f32 {
+        if !self.is_above && self.bsdf == 0.0 {
+            return 0.0;
+        }
         let (diffuse, clearcoat) = self.other_probabilities();
         let total = 1.0 + diffuse + clearcoat;
         if wi.z < 0.0 {

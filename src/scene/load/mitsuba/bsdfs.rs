@@ -333,15 +333,13 @@ fn conductor_ior(p: &Properties, builder: &mut Builder) -> Result<(Input<Rgb>, I
     }
     p.exclusive("material", "eta")?;
     p.exclusive("material", "k")?;
-    match CONDUCTORS.iter().find(|(n, ..)| *n == name) {
-        Some(&(_, eta, k)) => Ok((Rgb::from(eta).into(), Rgb::from(k).into())),
-        None => {
-            let names: Vec<_> = ["none"].into_iter().chain(CONDUCTORS.iter().map(|(n, ..)| *n)).collect();
-            let error = p.bad_value("material", format!("{}; or the metal by eta and k", one_of(&names)));
-            builder.log.unsupported(error, "a perfect mirror is used")?;
-            Ok((Rgb::ZERO.into(), Rgb::ONE.into()))
-        }
+    if let Some(&(_, eta, k)) = CONDUCTORS.iter().find(|(n, ..)| *n == name) {
+        return Ok((Rgb::from(eta).into(), Rgb::from(k).into()));
     }
+    let names: Vec<_> = ["none"].into_iter().chain(CONDUCTORS.iter().map(|(n, ..)| *n)).collect();
+    let error = p.bad_value("material", format!("{}; or the metal by eta and k", one_of(&names)));
+    builder.log.unsupported(error, "a perfect mirror is used")?;
+    Ok((Rgb::ZERO.into(), Rgb::ONE.into()))
 }
 
 fn distribution(p: &Properties, builder: &mut Builder) -> Result<Microfacet, LoadError> {
@@ -464,7 +462,7 @@ fn phong(p: &Properties, builder: &mut Builder) -> Result<Material, LoadError> {
         ));
     }
     let exponent = p.float("exponent")?;
-    if !(exponent >= 0.0 && exponent < 1e8) {
+    if !(0.0..1e8).contains(&exponent) {
         return Err(p.bad_value("exponent", "a number from 0 to 1e8"));
     }
     let (diffuse, specular) =

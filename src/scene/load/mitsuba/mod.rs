@@ -154,6 +154,7 @@ impl<'a> Builder<'a> {
         match object.category {
             Category::Shape => self.shape(id),
             Category::Bsdf => self.material(id, at).map(drop),
+            Category::Texture => self.texture(id, at).map(drop),
             Category::Emitter => self.free_emitter(id),
             Category::Sensor => self.sensor(id),
             Category::Integrator => self.integrator(object),
@@ -162,7 +163,7 @@ impl<'a> Builder<'a> {
             }
             _ => {
                 let found = format!("{} `{}` is not supported", object.category, object.plugin);
-                let expected = xml::one_of(&["shape", "bsdf", "emitter", "sensor", "integrator"]);
+                let expected = xml::one_of(&["shape", "bsdf", "texture", "emitter", "sensor", "integrator"]);
                 self.log.unsupported(self.document.error(at, found, expected), "it is ignored")
             }
         }

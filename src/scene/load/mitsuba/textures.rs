@@ -126,15 +126,11 @@ impl Builder<'_> {
     pub(super) fn color_input(&mut self, p: &Properties, name: &str) -> Result<Input<Rgb>, LoadError> {
         let Some((object, at)) = p.texture(name)? else { return Ok(Input::Constant(p.color(name)?)) };
         let id = self.texture(object, at)?;
-        if p.kind(name) == Kind::Reflectance {
-            if let Texture::Bitmap(bitmap) = &self.textures[id.0 as usize] {
-                let greatest = bitmap.image.max_value();
-                if greatest > 1.0 {
-                    let location = p.document.locate(at);
-                    let message =
-                        format!("`{name}` has values up to {greatest}; what is above 1 counts as 1");
-                    self.log.warn(location, message);
-                }
+        if let (Kind::Reflectance, Texture::Bitmap(bitmap)) = (p.kind(name), &self.textures[id.0 as usize]) {
+            let greatest = bitmap.image.max_value();
+            if greatest > 1.0 {
+                let message = format!("`{name}` has values up to {greatest}; what is above 1 counts as 1");
+                self.log.warn(p.document.locate(at), message);
             }
         }
         Ok(Input::Texture(id))
@@ -172,17 +168,12 @@ impl Builder<'_> {
         }
         self.texture_ids.insert(id, None);
         self.depth += 1;
-        let texture = match self.properties(PLUGINS, id, "grey of 0.5 is used")? {
-            Some((build, properties)) => {
-                let texture = build(&properties, self)?;
-                properties.finish()?;
-                texture
-            }
-            None => {
-                let grey = Input::Constant(Rgb::splat(0.5));
-                Texture::Checkerboard { color0: grey, color1: grey, to_uv: Affine2::IDENTITY }
-            }
-        };
+        let grey = Input::Constant(Rgb::splat(0.5));
+        let mut texture = Texture::Checkerboard { color0: grey, color1: grey, to_uv: Affine2::IDENTITY };
+        if let Some((build, properties)) = self.properties(PLUGINS, id, "grey of 0.5 is used")? {
+            texture = build(&properties, self)?;
+            properties.finish()?;
+        }
         self.depth -= 1;
         self.textures.push(texture);
         let new = TextureId(self.textures.len() as u32 - 1);
