@@ -635,7 +635,7 @@ fn errors_say_where_what_and_what_instead() {
     scene.xml:1:45: `reflectance` by wavelengths is not supported; expected <rgb>, or <spectrum> with one number
     scene.xml:1:45: equal indices of refraction inside and outside; expected two that differ
     scene.xml:1:24: one of alpha_u and alpha_v without `alpha_v`; expected both or neither
-    scene.xml:1:85: both `alpha` and `alpha_u`; expected one of them
+    scene.xml:1:52: both `alpha` and alpha_u or alpha_v; expected one of them
     scene.xml:1:46: a BSDF with transmission in `twosided`; expected one that only reflects
     scene.xml:1:53: a BSDF that contains itself; expected no circular references
     scene.xml:1:24: an `area` emitter outside of shapes; expected it within a shape
