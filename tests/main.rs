@@ -8,6 +8,7 @@ mod bsdf;
 mod camera;
 mod cli;
 mod film;
+mod image_files;
 mod images;
 mod integrators;
 mod lights;

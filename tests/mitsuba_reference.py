@@ -28,9 +28,10 @@ def render(path, spp, runs, out):
     import mitsuba
 
     mitsuba.set_variant(VARIANT)
-    drjit.set_thread_count(1)
     start = time.monotonic()
     scene = mitsuba.load_file(str(path))
+    # Not before: with one thread, Mitsuba 3.9 waits for ever to decode an OpenEXR texture.
+    drjit.set_thread_count(1)
     spp = spp or scene.sensors()[0].sampler().sample_count()
     width, height = (int(n) for n in scene.sensors()[0].film().crop_size())
 

@@ -12,6 +12,7 @@ pub(crate) fn empty() -> Scene {
     Scene {
         shapes: Vec::new(),
         materials: Vec::new(),
+        textures: Vec::new(),
         emitters: Vec::new(),
         camera: Camera {
             to_world: DAffine3::IDENTITY,
@@ -53,7 +54,7 @@ impl Build for Scene {
 }
 
 pub(crate) fn diffuse(albedo: f32) -> Material {
-    Material::Diffuse { reflectance: Rgb::splat(albedo) }
+    Material::Diffuse { reflectance: Rgb::splat(albedo).into() }
 }
 
 pub(crate) fn sphere(center: Vec3, radius: f32) -> Geometry {

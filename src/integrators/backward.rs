@@ -84,7 +84,7 @@ impl Backward {
                 }
                 break;
             };
-            let vertex = SurfaceVertex::new(world.scene, &hit, &ray);
+            let vertex = SurfaceVertex::new(&world.materials, &hit, &ray);
             observer.segment(walk.mode, depth, &walk.ray, Some(&vertex), walk.beta);
             radiance += hit_light(world, &walk, previous, &vertex, depth, observer);
             if depth == max_depth {

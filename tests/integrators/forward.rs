@@ -98,7 +98,11 @@ fn a_point_light_over_a_floor() {
 
 /// A mirror fills the view; in it are a lit floor and a lamp. The lecture: "if the eye sees a mirror, it will be black".
 fn mirror() -> Scene {
-    let metal = Material::Conductor { eta: Rgb::ZERO, k: Rgb::ONE, specular_reflectance: Rgb::ONE };
+    let metal = Material::Conductor {
+        eta: Rgb::ZERO.into(),
+        k: Rgb::ONE.into(),
+        specular_reflectance: Rgb::ONE.into(),
+    };
     empty()
         .shape(quad(Vec3::new(-9.0, -9.0, 5.0), Vec3::Y * 18.0, Vec3::X * 18.0), metal, None)
         .shape(quad(Vec3::new(-9.0, -9.0, -3.0), Vec3::X * 18.0, Vec3::Y * 18.0), diffuse(0.7), None)
@@ -128,8 +132,11 @@ fn a_mirror_seen_directly_is_black_by_connections() {
 /// A camera behind a pane of glass, which is what a lens in front of it is.
 #[test]
 fn a_camera_behind_glass_sees_only_by_being_hit() {
-    let glass =
-        Material::Dielectric { eta: 1.5, specular_reflectance: Rgb::ONE, specular_transmittance: Rgb::ONE };
+    let glass = Material::Dielectric {
+        eta: 1.5,
+        specular_reflectance: Rgb::ONE.into(),
+        specular_transmittance: Rgb::ONE.into(),
+    };
     let wall = quad(Vec3::new(-3.0, -3.0, 3.5), Vec3::Y * 6.0, Vec3::X * 6.0);
     let scene = empty().shape(sphere(Vec3::ZERO, 1.5), glass, None).shape(
         wall,
@@ -146,8 +153,11 @@ fn a_camera_behind_glass_sees_only_by_being_hit() {
 /// LS+DE from a point light: light through a glass ball onto a floor. `path` cannot make such a path.
 #[test]
 fn caustics_of_a_point_light_appear() {
-    let glass =
-        Material::Dielectric { eta: 1.5, specular_reflectance: Rgb::ONE, specular_transmittance: Rgb::ONE };
+    let glass = Material::Dielectric {
+        eta: 1.5,
+        specular_reflectance: Rgb::ONE.into(),
+        specular_transmittance: Rgb::ONE.into(),
+    };
     let floor = quad(Vec3::new(-5.0, -5.0, 6.0), Vec3::Y * 10.0, Vec3::X * 10.0);
     let scene = empty()
         .shape(floor, diffuse(0.8), None)
@@ -193,8 +203,11 @@ fn crops_and_sizes_do_not_change_brightness() {
 /// Radiance does not depend on the unit of length. (Fails where distances are compared with constants, or squares leave the range of f32.)
 #[test]
 fn images_survive_scale() {
-    let glass =
-        Material::Dielectric { eta: 1.5, specular_reflectance: Rgb::ONE, specular_transmittance: Rgb::ONE };
+    let glass = Material::Dielectric {
+        eta: 1.5,
+        specular_reflectance: Rgb::ONE.into(),
+        specular_transmittance: Rgb::ONE.into(),
+    };
     let scene = lit_corner().shape(sphere(Vec3::new(0.5, -0.2, 4.0), 0.6), glass, None);
     for exponent in [-6, 0, 6] {
         let scene = with_lens(scaled(scene.clone(), 10f64.powi(exponent)), 0.2);

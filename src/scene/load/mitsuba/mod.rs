@@ -8,10 +8,12 @@
 //! Values, defaults and geometry follow Mitsuba 3.9. Stricter than there: what would have no effect is an error.
 
 mod bsdfs;
+mod conductors;
 mod emitters;
 mod properties;
 mod sensors;
 mod shapes;
+mod textures;
 mod values;
 mod xml;
 
@@ -23,9 +25,11 @@ use std::path::Path;
 
 use rayon::prelude::*;
 
+use super::image::Images;
 use super::{DEFAULT_SAMPLE_COUNT, LoadError, Location, Log, bounds_of, default_film, framing_camera, push};
 use crate::scene::{
     Camera, Emitter, FilmSettings, Filter, IntegratorSettings, Material, MaterialId, Rgb, Scene, Shape,
+    Texture, TextureId,
 };
 use emitters::Light;
 use properties::{Plugin, Properties, find};
@@ -39,6 +43,7 @@ pub fn supported() -> Vec<(Category, Description)> {
     }
     all(Category::Shape, shapes::PLUGINS)
         .chain(all(Category::Bsdf, bsdfs::PLUGINS))
+        .chain(all(Category::Texture, textures::PLUGINS))
         .chain(all(Category::Emitter, emitters::PLUGINS))
         .chain(all(Category::Sensor, sensors::SENSORS))
         .chain(all(Category::Film, sensors::FILMS))
@@ -50,10 +55,16 @@ pub fn supported() -> Vec<(Category, Description)> {
 /// Loads a scene file. `defines` are values of `$name` parameters.
 pub(super) fn load(path: &Path, defines: &[(String, String)], log: &mut Log) -> Result<Scene, LoadError> {
     let document = Document::read(path, defines, log)?;
+    let mut images = Images::default();
+    images.prefetch(textures::files(&document), log);
     let mut builder = Builder {
         document: &document,
         log,
+        images,
+        textures: Vec::new(),
+        texture_ids: HashMap::new(),
         materials: Vec::new(),
+        parts: Vec::new(),
         material_ids: HashMap::new(),
         default_materials: Vec::new(),
         depth: 0,
@@ -70,6 +81,10 @@ pub(super) fn load(path: &Path, defines: &[(String, String)], log: &mut Log) -> 
 
 /// BSDFs nested in or referring to each other; building recurses.
 const MAX_BSDF_DEPTH: usize = 50;
+
+/// Materials that one is made of. BSDFs that refer to others can multiply: each of 50 that blends the one before with itself
+/// would take for ever to evaluate.
+const MAX_BSDF_PARTS: u32 = 64;
 
 /// A shape whose geometry may yet have to be loaded.
 struct PlannedShape {
@@ -89,7 +104,13 @@ struct Sensor {
 struct Builder<'a> {
     document: &'a Document,
     log: &'a mut Log,
+    images: Images,
+    textures: Vec<Texture>,
+    /// `None` while a texture is being built.
+    texture_ids: HashMap<ObjectId, Option<TextureId>>,
     materials: Vec<Material>,
+    /// Of how many others each of the materials is made.
+    parts: Vec<u32>,
     /// `None` while a BSDF is being built, which is how circles are noticed.
     material_ids: HashMap<ObjectId, Option<MaterialId>>,
     default_materials: Vec<MaterialId>,
@@ -133,6 +154,7 @@ impl<'a> Builder<'a> {
         match object.category {
             Category::Shape => self.shape(id),
             Category::Bsdf => self.material(id, at).map(drop),
+            Category::Texture => self.texture(id, at).map(drop),
             Category::Emitter => self.free_emitter(id),
             Category::Sensor => self.sensor(id),
             Category::Integrator => self.integrator(object),
@@ -141,7 +163,7 @@ impl<'a> Builder<'a> {
             }
             _ => {
                 let found = format!("{} `{}` is not supported", object.category, object.plugin);
-                let expected = xml::one_of(&["shape", "bsdf", "emitter", "sensor", "integrator"]);
+                let expected = xml::one_of(&["shape", "bsdf", "texture", "emitter", "sensor", "integrator"]);
                 self.log.unsupported(self.document.error(at, found, expected), "it is ignored")
             }
         }
@@ -163,7 +185,7 @@ impl<'a> Builder<'a> {
             Some((build, properties)) => {
                 let material = build(&properties, self)?;
                 properties.finish()?;
-                push(&mut self.materials, material)
+                self.push_material(material, at)?
             }
             None => self.default_material(super::GREY),
         };
@@ -172,11 +194,28 @@ impl<'a> Builder<'a> {
         Ok(material)
     }
 
+    /// Adds a material that comes after those it is made of.
+    fn push_material(&mut self, material: Material, at: Span) -> Result<MaterialId, LoadError> {
+        let of = |id: MaterialId| self.parts[id.0 as usize];
+        let parts = match material {
+            Material::Blend { first, second, .. } => of(first) + of(second),
+            Material::TwoSided { front, back } => of(front).max(of(back)),
+            Material::Mask { material, .. } | Material::Perturbed { material, .. } => of(material) + 1,
+            _ => 1,
+        };
+        if parts > MAX_BSDF_PARTS {
+            return self.error(at, "a BSDF of too many others", format!("at most {MAX_BSDF_PARTS}"));
+        }
+        self.parts.push(parts);
+        Ok(push(&mut self.materials, material))
+    }
+
     /// One of the materials of shapes that name none: those are few, and each is kept once.
     fn default_material(&mut self, material: Material) -> MaterialId {
         let found =
             self.default_materials.iter().copied().find(|id| self.materials[id.0 as usize] == material);
         found.unwrap_or_else(|| {
+            self.parts.push(1);
             let id = push(&mut self.materials, material);
             self.default_materials.push(id);
             id
@@ -351,6 +390,7 @@ impl<'a> Builder<'a> {
         Ok(Scene {
             shapes,
             materials: self.materials,
+            textures: self.textures,
             emitters: self.emitters,
             camera: sensor.camera,
             film: sensor.film,
