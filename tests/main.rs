@@ -7,6 +7,7 @@ mod benchmarks;
 mod bsdf;
 mod camera;
 mod cli;
+mod environment;
 mod film;
 mod lights;
 mod load;

@@ -6,6 +6,7 @@
 
 mod analytic;
 mod camera;
+mod emitter;
 pub mod load;
 mod material;
 mod mesh;
@@ -14,6 +15,7 @@ mod surface;
 
 pub use analytic::{AnalyticKind, AnalyticShape};
 pub use camera::{Camera, FovAxis, Lens};
+pub use emitter::{Emitter, EnvironmentMap, Spot};
 pub use material::{Material, MaterialId, Microfacet};
 pub use mesh::{MeshError, TriangleMesh};
 pub use shape::{Aabb, Geometry, Shape};
@@ -29,23 +31,6 @@ pub type Rgb = Vec3;
 #[inline]
 pub fn luminance(c: Rgb) -> f32 {
     c.dot(Vec3::new(0.212_671, 0.715_160, 0.072_169))
-}
-
-/// A light that is not a surface. Area lights are [`Shape`]s with an [`emission`](Shape::emission).
-#[derive(Debug, Clone, PartialEq)]
-pub enum Emitter {
-    /// A point that radiates the same in all directions.
-    Point {
-        /// World position.
-        position: Vec3,
-        /// Radiant intensity, W/sr.
-        intensity: Rgb,
-    },
-    /// An environment of constant radiance, infinitely far away.
-    Constant {
-        /// Radiance from every direction.
-        radiance: Rgb,
-    },
 }
 
 /// Reconstruction filters with the parameters and defaults of Mitsuba's `rfilter` plugins.
