@@ -1,9 +1,10 @@
 //! BSDFs: sampling against density, values against Mitsuba's, energy, reciprocity, and the extremes.
 
 use glam::{DVec3, Vec2, Vec3};
+use helmholtz::sampling::warp::square_to_sphere;
 use helmholtz::scene::{Material, MaterialId, Microfacet, Rgb, SurfacePoint};
 use helmholtz::transport::bsdf::microfacet::Microfacets;
-use helmholtz::transport::bsdf::{Bsdf, Frame, TransportMode, fresnel};
+use helmholtz::transport::bsdf::{self, BsdfSample, Frame, TransportMode, fresnel};
 use std::f32::consts::FRAC_1_PI;
 
 use super::statistics::{
@@ -26,8 +27,68 @@ fn point() -> SurfacePoint {
     }
 }
 
+/// A material prepared for both sides, each of which answers for directions `wo` on it.
+#[derive(Debug, Clone, Copy)]
+struct Bsdf {
+    above: bsdf::Bsdf,
+    below: bsdf::Bsdf,
+}
+
+impl Bsdf {
+    fn new(materials: &[Material], id: MaterialId) -> Self {
+        let side = |is_above| bsdf::Bsdf::new(materials, id, &point(), is_above);
+        Self { above: side(true), below: side(false) }
+    }
+
+    fn of(&self, wo: Vec3) -> &bsdf::Bsdf {
+        if wo.z >= 0.0 { &self.above } else { &self.below }
+    }
+
+    fn sample(&self, wo: Vec3, u: [f32; 3], mode: TransportMode) -> Option<BsdfSample> {
+        self.of(wo).sample(wo, u, mode)
+    }
+
+    fn eval(&self, wo: Vec3, wi: Vec3, mode: TransportMode) -> Rgb {
+        self.of(wo).eval(wo, wi, mode)
+    }
+
+    fn pdf(&self, wo: Vec3, wi: Vec3, mode: TransportMode) -> f32 {
+        self.of(wo).pdf(wo, wi, mode)
+    }
+
+    fn albedo(&self, wo: Vec3) -> Rgb {
+        self.of(wo).albedo(wo)
+    }
+
+    fn is_delta(&self) -> bool {
+        self.above.is_delta() && self.below.is_delta()
+    }
+}
+
 fn prepare(materials: &[Material]) -> Bsdf {
-    Bsdf::new(materials, MaterialId(materials.len() as u32 - 1), &point())
+    Bsdf::new(materials, MaterialId(materials.len() as u32 - 1))
+}
+
+/// The reverse density asks a boundary from the side that it was not prepared for.
+#[test]
+fn a_boundary_answers_from_both_sides() {
+    let mut random = Random::new(77);
+    for material in
+        [rough_glass(Microfacet::Ggx, [0.3, 0.5], 1.5), rough_glass(Microfacet::Beckmann, [0.2, 0.2], 0.7)]
+    {
+        let Bsdf { above, below } = prepare(&[material]);
+        for _ in 0..1000 {
+            let [wo, wi] = [(); 2].map(|()| square_to_sphere(random.uniform_2d()));
+            for mode in MODES {
+                let values = [above, below].map(|b| b.eval(wo, wi, mode).extend(b.pdf(wo, wi, mode)));
+                // The index is inverted twice; 1e-4 is what the lobes make of that rounding.
+                assert!(
+                    (values[0] - values[1]).abs().max_element() <= 1e-4 * values[0].max_element(),
+                    "{wo} {wi}"
+                );
+            }
+        }
+    }
 }
 
 fn diffuse(r: f32, g: f32, b: f32) -> Material {
@@ -351,7 +412,7 @@ fn two_sided_shows_the_front_of_each_material_and_one_sided_is_black_behind() {
     // What a loader refuses, built by hand.
     let itself = [Material::TwoSided { front: MaterialId(0), back: MaterialId(9) }];
     let transparent = two_sided(rough_glass(Microfacet::Ggx, [0.5, 0.5], 1.5), front);
-    for bsdf in [prepare(&itself), transparent, Bsdf::new(&[], MaterialId(0), &point())] {
+    for bsdf in [prepare(&itself), transparent, Bsdf::new(&[], MaterialId(0))] {
         assert!(bsdf.sample(Vec3::Z, [0.5; 3], Radiance).is_none());
         assert_eq!(bsdf.eval(Vec3::Z, Vec3::Z, Radiance), Rgb::ZERO);
     }

@@ -9,6 +9,7 @@ mod camera;
 mod cli;
 mod environment;
 mod film;
+mod images;
 mod lights;
 mod load;
 mod malformed;

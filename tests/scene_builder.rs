@@ -12,6 +12,7 @@ pub(crate) fn empty() -> Scene {
     Scene {
         shapes: Vec::new(),
         materials: Vec::new(),
+        textures: Vec::new(),
         emitters: Vec::new(),
         camera: Camera {
             to_world: DAffine3::IDENTITY,

@@ -7,19 +7,23 @@
 mod analytic;
 mod camera;
 mod emitter;
+mod image;
 pub mod load;
 mod material;
 mod mesh;
 mod shape;
 mod surface;
+pub mod texture;
 
 pub use analytic::{AnalyticKind, AnalyticShape};
 pub use camera::{Camera, FovAxis, Lens};
 pub use emitter::{Emitter, EnvironmentMap, Spot};
+pub use image::{Image, Texels};
 pub use material::{Material, MaterialId, Microfacet};
 pub use mesh::{MeshError, TriangleMesh};
 pub use shape::{Aabb, Geometry, Shape};
 pub use surface::SurfacePoint;
+pub use texture::{Bitmap, Input, TexelFilter, Texture, TextureId, Wrap};
 
 use glam::{UVec2, Vec3};
 
@@ -101,6 +105,8 @@ pub struct Scene {
     pub shapes: Vec<Shape>,
     /// Materials, shared by shapes.
     pub materials: Vec<Material>,
+    /// Textures, shared by materials; one that is made of others comes after them.
+    pub textures: Vec<Texture>,
     /// Lights that are not surfaces.
     pub emitters: Vec<Emitter>,
     /// The sensor.

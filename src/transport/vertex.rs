@@ -42,7 +42,7 @@ impl SurfaceVertex {
     pub fn new(scene: &Scene, hit: &Hit, ray: &Ray) -> Self {
         let point = hit.surface(&scene.shapes, ray);
         let material = scene.shapes[hit.shape as usize].material;
-        let bsdf = Bsdf::new(&scene.materials, material, &point);
+        let bsdf = Bsdf::new(&scene.materials, material, &point, point.ns.dot(ray.d) < 0.0);
         let tangent = if bsdf.is_anisotropic() { point.dp_du(&scene.shapes) } else { None };
         let frame =
             tangent.map_or_else(|| Frame::from_z(point.ns), |t| Frame::from_z_and_tangent(point.ns, t));

@@ -7,6 +7,8 @@
 //! Loaders do not judge what the renderer makes of a scene: integrators stay text, and nothing is derived.
 
 mod error;
+mod exr;
+mod image;
 mod mesh;
 pub mod mitsuba;
 mod mtl;
@@ -21,8 +23,8 @@ use std::path::{Path, PathBuf};
 use glam::{DAffine3, DMat3, DVec3, UVec2, Vec3};
 
 use super::{
-    Aabb, Camera, Emitter, FilmSettings, Filter, FovAxis, IntegratorSettings, Lens, Material, MaterialId,
-    PixelRect, Rgb, Scene, Shape,
+    Aabb, Camera, Emitter, FilmSettings, Filter, FovAxis, Image, IntegratorSettings, Lens, Material,
+    MaterialId, PixelRect, Rgb, Scene, Shape, Texture,
 };
 
 /// How to load.
@@ -68,6 +70,16 @@ pub fn load(path: &Path, options: &LoadOptions) -> Result<Loaded, LoadError> {
         }
     };
     Ok(Loaded { scene, warnings: log.warnings, files: log.files })
+}
+
+/// Loads an image file (PNG, JPEG, OpenEXR, Radiance HDR, TGA or BMP) without its alpha channel, as textures are loaded.
+///
+/// # Errors
+/// A file that cannot be read, or is not a valid image of these formats.
+pub fn load_image(path: &Path) -> Result<(Image, Vec<Warning>), LoadError> {
+    let mut log = Log::default();
+    let image = image::read(path, None, image::Content::Color, &mut log)?;
+    Ok((image, log.warnings))
 }
 
 /// What loading leaves behind besides the scene.
@@ -186,7 +198,13 @@ fn bounds_of(shapes: &[Shape]) -> Aabb {
 }
 
 /// The scene of a bare mesh: what the file lacks is chosen and noted.
-fn mesh_scene(path: &Path, shapes: Vec<Shape>, materials: Vec<Material>, log: &mut Log) -> Scene {
+fn mesh_scene(
+    path: &Path,
+    shapes: Vec<Shape>,
+    materials: Vec<Material>,
+    textures: Vec<Texture>,
+    log: &mut Log,
+) -> Scene {
     let camera = framing_camera(bounds_of(&shapes));
     let mut chosen = vec!["a camera that frames the mesh"];
     let mut emitters = Vec::new();
@@ -198,6 +216,7 @@ fn mesh_scene(path: &Path, shapes: Vec<Shape>, materials: Vec<Material>, log: &m
     Scene {
         shapes,
         materials,
+        textures,
         emitters,
         camera,
         film: default_film(),

@@ -42,7 +42,7 @@ pub(super) fn load_scene(path: &Path, log: &mut Log) -> Result<Scene, LoadError>
         };
         shapes.push(Shape { name: group.name, geometry: Geometry::Mesh(geometry), material, emission });
     }
-    Ok(mesh_scene(path, shapes, materials, log))
+    Ok(mesh_scene(path, shapes, materials, Vec::new(), log))
 }
 
 /// Loads all faces of the file as one mesh; groups and materials are of no concern.

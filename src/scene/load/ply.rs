@@ -22,7 +22,7 @@ pub(super) fn load_scene(path: &Path, log: &mut Log) -> Result<Scene, LoadError>
     let mut materials = Vec::new();
     let material = push_two_sided(&mut materials, GREY);
     let name = path.file_stem().unwrap_or_default().to_string_lossy().into_owned();
-    Ok(mesh_scene(path, vec![Shape { name, geometry, material, emission: None }], materials, log))
+    Ok(mesh_scene(path, vec![Shape { name, geometry, material, emission: None }], materials, Vec::new(), log))
 }
 
 /// Loads the file as a mesh.

@@ -58,14 +58,15 @@ pub struct BsdfSample {
     pub eta: f32,
 }
 
-/// A material prepared for one surface point.
+/// A material prepared for one surface point and the side that a path reaches it on.
 ///
-/// The two sides of a surface are prepared apart, each for a `wo` above it: two-sided materials, the two faces of
-/// a glass pane and the black back of a one-sided material then need no further distinction.
+/// Of what does not transmit light, the other side is black: no path passes from one side to the other. A boundary is known from
+/// both sides, because the density of going back from `wi` is asked for too.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct Bsdf {
-    front: Lobe,
-    back: Lobe,
+    lobe: Lobe,
+    /// Whether `lobe` is for directions above the surface.
+    is_above: bool,
 }
 
 /// What a surface does with light on the side that the local z axis points to.
@@ -80,49 +81,38 @@ enum Lobe {
 }
 
 // Copied per path vertex.
-const _: () = assert!(size_of::<Bsdf>() <= 96);
+const _: () = assert!(size_of::<Bsdf>() <= 56);
 
 /// Least product of roughness and `|eta - 1|`: the width in radians of a refracted lobe that f32 directions still resolve.
 const MIN_REFRACTED_WIDTH: f32 = 1e-6;
 
 impl Bsdf {
-    /// Prepares a material. A [`Material::TwoSided`] shows the front of each of its materials; one that refers to a transmitting
-    /// material, to itself or to none is black (loaders refuse it).
+    /// Prepares a material for paths that arrive from above the shading surface, or from below. A [`Material::TwoSided`] shows the
+    /// front of each of its materials; one that refers to a transmitting material, to itself or to none is black (loaders refuse it).
     ///
     /// A rough boundary whose refracted lobe is too narrow for f32 (roughness times `|eta - 1|` below 1e-6) is prepared as
     /// a smooth one, or at the least roughness that can be resolved.
     #[inline]
-    pub fn new(materials: &[Material], id: MaterialId, _point: &SurfacePoint) -> Self {
-        match materials.get(id.0 as usize) {
+    pub fn new(materials: &[Material], id: MaterialId, _point: &SurfacePoint, is_above: bool) -> Self {
+        let lobe = match materials.get(id.0 as usize) {
             Some(&Material::TwoSided { front, back }) => {
-                let front_lobe = Lobe::opaque(materials, front);
-                Self {
-                    front: front_lobe,
-                    back: if back == front { front_lobe } else { Lobe::opaque(materials, back) },
-                }
+                Lobe::opaque(materials, if is_above { front } else { back })
             }
-            Some(material) => {
-                let front = Lobe::new(material);
-                let back = match front {
-                    Lobe::Dielectric(boundary) => Lobe::Dielectric(boundary.turned_over()),
-                    Lobe::RoughDielectric(RoughDielectric { facets, boundary }) => {
-                        Lobe::RoughDielectric(RoughDielectric { facets, boundary: boundary.turned_over() })
-                    }
-                    _ => Lobe::Black,
-                };
-                Self { front, back }
-            }
-            None => Self { front: Lobe::Black, back: Lobe::Black },
-        }
+            Some(material) if is_above => Lobe::new(material),
+            Some(material) => Lobe::new(material).turned_over().unwrap_or(Lobe::Black),
+            None => Lobe::Black,
+        };
+        Self { lobe, is_above }
     }
 
     /// Draws a direction for the path to go on; `u[0]` chooses the lobe, the others the direction, all in [0, 1).
     /// `None` if the light is absorbed or `wo` is not usable.
     #[inline]
     pub fn sample(&self, wo: Vec3, u: [f32; 3], mode: TransportMode) -> Option<BsdfSample> {
-        let (lobe, wo, side) = self.facing(wo)?;
-        let sample = lobe.sample(wo, u, mode)?;
-        Some(BsdfSample { wi: sample.wi * side, ..sample })
+        self.facing(wo, |lobe, wo, side| {
+            let sample = lobe.sample(wo, u, mode)?;
+            Some(BsdfSample { wi: sample.wi * side, ..sample })
+        })?
     }
 
     /// The value `f(wo, wi)`, without the cosine; 0 for delta lobes.
@@ -131,46 +121,49 @@ impl Bsdf {
     /// `eval(wo, wi, Importance) == eval(wi, wo, Radiance)`.
     #[inline]
     pub fn eval(&self, wo: Vec3, wi: Vec3, mode: TransportMode) -> Rgb {
-        self.facing(wo).map_or(Rgb::ZERO, |(lobe, wo, side)| lobe.eval(wo, wi * side, mode))
+        self.facing(wo, |lobe, wo, side| lobe.eval(wo, wi * side, mode)).unwrap_or(Rgb::ZERO)
     }
 
     /// Density per solid angle with which [`sample`](Self::sample) draws `wi`, without delta lobes. It integrates to the probability
     /// that `sample` returns anything.
     #[inline]
     pub fn pdf(&self, wo: Vec3, wi: Vec3, _mode: TransportMode) -> f32 {
-        self.facing(wo).map_or(0.0, |(lobe, wo, side)| lobe.pdf(wo, wi * side))
+        self.facing(wo, |lobe, wo, side| lobe.pdf(wo, wi * side)).unwrap_or(0.0)
     }
 
     /// Whether there are only delta lobes (or none at all), so that the vertex cannot be connected.
     #[inline]
     pub fn is_delta(&self) -> bool {
-        self.front.is_delta() && self.back.is_delta()
+        self.lobe.is_delta()
     }
 
     /// Whether the tangents of the frame matter, and not its normal alone.
     #[inline]
     pub fn is_anisotropic(&self) -> bool {
-        self.front.is_anisotropic() || self.back.is_anisotropic()
+        self.lobe.is_anisotropic()
     }
 
     /// Reflectance and transmittance together, for the albedo AOV. Exact for smooth materials and the diffuse one (power, so
     /// without the radiance's change by the index); rough ones answer as if they were smooth.
     #[inline]
     pub fn albedo(&self, wo: Vec3) -> Rgb {
-        self.facing(wo).map_or(Rgb::ZERO, |(lobe, wo, _)| lobe.albedo(wo))
+        self.facing(wo, |lobe, wo, _| lobe.albedo(wo)).unwrap_or(Rgb::ZERO)
     }
 
-    /// The lobe on `wo`'s side, `wo` in its coordinates, and the factor that turns other directions over too.
+    /// Calls `f` with the lobe on `wo`'s side, `wo` in its coordinates, and the factor that turns other directions over too.
     #[inline]
-    fn facing(&self, wo: Vec3) -> Option<(&Lobe, Vec3, Vec3)> {
-        if wo.z > 0.0 {
-            Some((&self.front, wo, Vec3::ONE))
+    fn facing<R>(&self, wo: Vec3, f: impl FnOnce(&Lobe, Vec3, Vec3) -> R) -> Option<R> {
+        let side = if wo.z > 0.0 {
+            Vec3::ONE
         } else if wo.z < 0.0 {
-            let side = Vec3::new(1.0, 1.0, -1.0);
-            Some((&self.back, wo * side, side))
+            Vec3::new(1.0, 1.0, -1.0)
         } else {
-            None
+            return None;
+        };
+        if (wo.z > 0.0) == self.is_above {
+            return Some(f(&self.lobe, wo * side, side));
         }
+        self.lobe.turned_over().map(|lobe| f(&lobe, wo * side, side))
     }
 }
 
@@ -207,6 +200,18 @@ impl Lobe {
                 Self::RoughDielectric(RoughDielectric { facets, boundary })
             }
             Material::TwoSided { .. } => Self::Black,
+        }
+    }
+
+    /// What is seen from the other side, if light gets there.
+    #[inline]
+    fn turned_over(&self) -> Option<Self> {
+        match *self {
+            Self::Dielectric(boundary) => Some(Self::Dielectric(boundary.turned_over())),
+            Self::RoughDielectric(RoughDielectric { facets, boundary }) => {
+                Some(Self::RoughDielectric(RoughDielectric { facets, boundary: boundary.turned_over() }))
+            }
+            Self::Black | Self::Diffuse { .. } | Self::Conductor(_) | Self::RoughConductor(_) => None,
         }
     }
 

@@ -351,6 +351,7 @@ impl<'a> Builder<'a> {
         Ok(Scene {
             shapes,
             materials: self.materials,
+            textures: Vec::new(),
             emitters: self.emitters,
             camera: sensor.camera,
             film: sensor.film,
