@@ -15,7 +15,7 @@ use helmholtz::scene::{
 };
 use helmholtz::transport::World;
 
-use crate::scene_builder::{Build, diffuse, empty, quad, sphere};
+use crate::scene_builder::{Build, diffuse, empty, image, quad, sphere};
 use crate::statistics::{FALSE_ALARM_RATE, Family, Moments, Random, chi_squared, z_test_two};
 
 const CELLS: usize = 12;
@@ -277,7 +277,7 @@ fn emission_agrees_with_illumination() {
     let mut texels = Random::new(8);
     let texels = (0..16 * 9).map(|_| [0; 3].map(|_| texels.log_uniform(0.1, 10.0))).collect();
     let turn = glam::DMat3::from_rotation_z(0.7);
-    let map = EnvironmentMap::new(glam::UVec2::new(16, 9), texels, 0.3, turn).expect("a valid map");
+    let map = EnvironmentMap::new(image(glam::UVec2::new(16, 9), texels), 0.3, turn).expect("a valid map");
     scenes.push(("spot".to_owned(), empty().emitter(spot.clone())));
     scenes.push(("directional".to_owned(), empty().emitter(sun.clone())));
     scenes.push(("map".to_owned(), empty().emitter(Emitter::Map(map.clone()))));

@@ -1,8 +1,10 @@
 //! Lights that are not surfaces, as the scene file states them; [`crate::transport::lights`] samples them.
 
+use std::sync::Arc;
+
 use glam::{DMat3, UVec2, Vec3};
 
-use super::Rgb;
+use super::{Image, Rgb};
 
 /// A light that is not a surface. Area lights are [`Shape`](super::Shape)s with an [`emission`](super::Shape::emission).
 /// Of [`Constant`](Self::Constant) and [`Map`](Self::Map), the environments, a scene has at most one; of several
@@ -56,34 +58,28 @@ pub struct Spot {
 /// is interpolated bilinearly.
 #[derive(Debug, Clone, PartialEq)]
 pub struct EnvironmentMap {
-    size: UVec2,
-    texels: Vec<[f32; 3]>,
+    image: Arc<Image>,
     scale: f32,
     to_world: DMat3,
 }
 
 impl EnvironmentMap {
-    /// A map from rows of texels, the first row first. `to_world` takes the map's space to the world. `None` unless there are at
-    /// least 2 columns, 3 rows and as many texels as that makes, all finite and 0 or more; `scale` is too; and
-    /// `to_world` is a rotation, perhaps with a reflection or an even scale, which has no effect.
-    pub fn new(size: UVec2, texels: Vec<[f32; 3]>, scale: f32, to_world: DMat3) -> Option<Self> {
-        let count = u64::from(size.x) * u64::from(size.y);
-        let valid = |x: &f32| *x >= 0.0 && x.is_finite();
-        let length = to_world.x_axis.length();
-        let to_world = to_world * length.recip();
+    /// A map from an image, whose values below 0 count as 0. `to_world` takes the map's space to the world. `None` unless there are at
+    /// least 2 columns and 3 rows; `scale` and all texels times it are finite, and `scale` is 0 or more; and `to_world` is a rotation, perhaps with
+    /// a reflection or an even scale, which has no effect.
+    pub fn new(image: Arc<Image>, scale: f32, to_world: DMat3) -> Option<Self> {
+        let to_world = to_world * to_world.x_axis.length().recip();
         let orthogonal = (to_world.transpose() * to_world).abs_diff_eq(DMat3::IDENTITY, 1e-3);
-        (size.x >= 2
-            && size.y >= 3
-            && texels.len() as u64 == count
-            && texels.iter().flatten().all(valid)
-            && valid(&scale)
-            && orthogonal)
-            .then_some(Self { size, texels, scale, to_world })
+        let size = image.size();
+        let finite = (0..size.y)
+            .all(|row| (0..size.x).all(|column| (image.rgb(column, row, false) * scale).is_finite()));
+        (size.x >= 2 && size.y >= 3 && scale >= 0.0 && scale.is_finite() && finite && orthogonal)
+            .then_some(Self { image, scale, to_world })
     }
 
     /// Columns and rows.
     pub fn size(&self) -> UVec2 {
-        self.size
+        self.image.size()
     }
 
     /// What texels are multiplied by to be radiance.
@@ -98,7 +94,7 @@ impl EnvironmentMap {
 
     /// The texel of a column and a row, both in range, not scaled.
     #[inline]
-    pub fn texel(&self, column: usize, row: usize) -> Rgb {
-        Rgb::from_array(self.texels[row * self.size.x as usize + column])
+    pub fn texel(&self, column: u32, row: u32) -> Rgb {
+        self.image.rgb(column, row, false).max(Rgb::ZERO)
     }
 }

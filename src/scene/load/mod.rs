@@ -20,7 +20,7 @@ pub use error::{LoadError, Location, Position, Severity, Warning};
 use std::fs;
 use std::path::{Path, PathBuf};
 
-use glam::{DAffine3, DMat3, DVec3, UVec2, Vec3};
+use glam::{DAffine3, DMat3, DVec2, DVec3, UVec2, Vec3};
 
 use super::{
     Aabb, Camera, Emitter, FilmSettings, Filter, FovAxis, Image, IntegratorSettings, Lens, Material,
@@ -183,6 +183,7 @@ fn framing_camera(bounds: Aabb) -> Camera {
         lens: Lens::Pinhole,
         near_clip: distance * 1e-4,
         far_clip: distance + 4.0 * radius,
+        principal_point: DVec2::ZERO,
     }
 }
 

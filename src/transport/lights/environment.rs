@@ -85,7 +85,8 @@ impl<'s> MapSampler<'s> {
     fn new(map: &'s EnvironmentMap) -> Option<Self> {
         let (width, height) = (map.size().x as usize, map.size().y as usize);
         let mut brightest = 0.0_f32;
-        let luminances = |row: usize| (0..width).map(move |column| luminance(map.texel(column, row)));
+        let luminances =
+            |row: usize| (0..width).map(move |column| luminance(map.texel(column as u32, row as u32)));
         let mut weights = Vec::with_capacity(width * (height - 1));
         for row in 0..height - 1 {
             let (upper, lower) = Band::new(row, height).integrals();
@@ -98,7 +99,7 @@ impl<'s> MapSampler<'s> {
         }
         for row in 0..height {
             for column in 0..width {
-                brightest = brightest.max(map.texel(column, row).max_element());
+                brightest = brightest.max(map.texel(column as u32, row as u32).max_element());
             }
         }
         let cells = Distribution2d::new(width, weights)?;
@@ -121,7 +122,9 @@ impl<'s> MapSampler<'s> {
         let (left, top) = ((x as usize).min(width - 1), (y as usize).min(height - 2));
         let right = if left + 1 == width { 0 } else { left + 1 };
         let (s, t) = (x - left as f32, y - top as f32);
-        let row = |row| self.map.texel(left, row) * (1.0 - s) + self.map.texel(right, row) * s;
+        let row = |row| {
+            self.map.texel(left as u32, row as u32) * (1.0 - s) + self.map.texel(right as u32, row as u32) * s
+        };
         row(top) * (1.0 - t) + row(top + 1) * t
     }
 
@@ -130,7 +133,7 @@ impl<'s> MapSampler<'s> {
         let (width, height) = (self.map.size().x as usize, self.map.size().y as usize);
         let cell = self.cells.sample(u);
         let right = (cell.column + 1) % width;
-        let weight = |column, row| f64::from(luminance(self.map.texel(column, row)));
+        let weight = |column, row| f64::from(luminance(self.map.texel(column as u32, row as u32)));
         let (a, b) = (weight(cell.column, cell.row), weight(right, cell.row));
         let (c, d) = (weight(cell.column, cell.row + 1), weight(right, cell.row + 1));
         let t = Band::new(cell.row, height).sample(f64::from(cell.rest.y), a + b, c + d);

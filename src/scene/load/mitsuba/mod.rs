@@ -211,7 +211,7 @@ impl<'a> Builder<'a> {
         else {
             return Ok(None);
         };
-        let light = build(&properties)?;
+        let light = build(&properties, self.log)?;
         properties.finish()?;
         Ok(Some(light))
     }
@@ -235,9 +235,9 @@ impl<'a> Builder<'a> {
                 self.error(at, "an `area` emitter outside of shapes", "it within a shape")
             }
             Some(Light::Free(emitter)) => {
-                let is_constant = |e: &Emitter| matches!(e, Emitter::Constant { .. });
-                if is_constant(&emitter) && self.emitters.iter().any(is_constant) {
-                    return self.error(at, "a second environment", "at most one `constant` emitter");
+                let is_environment = |e: &Emitter| matches!(e, Emitter::Constant { .. } | Emitter::Map(_));
+                if is_environment(&emitter) && self.emitters.iter().any(is_environment) {
+                    return self.error(at, "a second environment", "at most one `constant` or `envmap`");
                 }
                 self.emitters.push(emitter);
                 Ok(())

@@ -173,9 +173,19 @@ pub(super) fn find<Build>(
     }
     let names: Vec<_> = table.iter().map(|p| p.description.name).collect();
     let found = format!("{} `{}` is not supported", object.category, object.plugin);
-    log.unsupported(document.error(object.at, found, one_of(&names)), substitute)?;
+    let way_round =
+        WAYS_ROUND.iter().find(|(c, plugin, _)| *c == object.category && *plugin == object.plugin);
+    let expected = way_round.map_or_else(|| one_of(&names), |(.., way)| (*way).to_owned());
+    log.unsupported(document.error(object.at, found, expected), substitute)?;
     Ok(None)
 }
+
+/// What to write instead of plugins that are not supported but have an equivalent.
+const WAYS_ROUND: &[(Category, &str, &str)] =
+    &[(Category::Emitter, "sunsky", SKY), (Category::Emitter, "sky", SKY), (Category::Emitter, "sun", SKY)];
+
+const SKY: &str =
+    "an `envmap` of the sky as an image, which Mitsuba itself can write, or `directional` for the sun alone";
 
 /// The parameters of one object, checked against the plugin's table.
 pub(super) struct Properties<'a> {
