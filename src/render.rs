@@ -2,18 +2,18 @@
 //! when to stop. It does not open files and does not print.
 
 use std::ops::Range;
-use std::sync::atomic::{AtomicU64, Ordering};
+use std::sync::{Mutex, PoisonError};
 use std::time::{Duration, Instant};
 
 use glam::{IVec2, Vec2};
 use rayon::prelude::*;
 
-use crate::film::{AovRecord, Film, FilmError, Sample};
-use crate::integrators::{Integrator, PathObserver, Technique, Unobserved};
+use crate::film::{AovRecord, Film, FilmError, PassSamples, Sample, Splat};
+use crate::integrators::{Integrator, Pass, PathObserver, Scratch, Strategy, Unobserved};
 use crate::query::{Ray, RayQuery};
-use crate::sampling::Sampler;
 use crate::scene::Rgb;
 use crate::transport::World;
+use crate::transport::bsdf::TransportMode;
 use crate::transport::vertex::SurfaceVertex;
 
 /// What is rendered, apart from the scene: all that a pass is a function of.
@@ -54,15 +54,6 @@ pub enum Control {
     Stop,
 }
 
-/// One camera sample.
-#[derive(Debug, Clone, Copy, PartialEq)]
-pub struct PixelSample {
-    /// Where in the pixel, and the radiance along its path.
-    pub sample: Sample,
-    /// Rays traced.
-    pub rays: u32,
-}
-
 /// Dimension set of film position and lens point.
 const CAMERA_SET: u32 = 0;
 
@@ -81,32 +72,29 @@ pub fn render<Q: RayQuery>(
     let start = Instant::now();
     let mut done = Progress::default();
     let mut samples = film.new_pass();
-    for pass in stop.passes.clone() {
-        if film.passes().contains(pass) {
+    let mut pool = Pool::default();
+    for index in stop.passes.clone() {
+        if film.passes().contains(index) {
             continue;
         }
         if stop.time.is_some_and(|limit| done.passes > 0 && start.elapsed() >= limit) {
             break;
         }
-        let rays = AtomicU64::new(0);
-        samples.par_bands_mut().for_each(|mut band| {
-            let mut band_rays = 0;
-            band.for_each(|pixel, sample, record| {
-                let made = match record {
-                    Some(record) => {
-                        let mut first = FirstHit(record);
-                        sample_pixel(world, query, target, pixel, pass, &mut first)
-                    }
-                    None => sample_pixel(world, query, target, pixel, pass, &mut Unobserved),
-                };
-                *sample = made.sample;
-                band_rays += u64::from(made.rays);
-            });
-            rays.fetch_add(band_rays, Ordering::Relaxed);
-        });
-        film.add_pass(pass, Some(&samples), &[])?;
+        pool.clear();
+        let pass = Pass { world, query, seed: target.seed, index, area: samples.area() };
+        // The forward integrator sends rays from the camera only if an AOV asks what they see.
+        let is_forward = matches!(target.integrator, Integrator::Forward(_));
+        let with_samples = !is_forward || film.aovs().needs_records();
+        if with_samples {
+            sample_pixels(&pass, target.integrator, &mut samples, &pool);
+        }
+        if is_forward {
+            trace_light_paths(&pass, target.integrator, &pool);
+        }
+        let rays = pool.gather();
+        film.add_pass(index, with_samples.then_some(&samples), pool.splats())?;
         done.passes += 1;
-        done.rays += rays.into_inner();
+        done.rays += rays;
         done.elapsed = start.elapsed();
         if progress(&done) == Control::Stop {
             break;
@@ -115,34 +103,140 @@ pub fn render<Q: RayQuery>(
     Ok(done)
 }
 
-/// The sample of one pixel in one pass: a function of its arguments alone.
+/// Memory for each thread that works on a pass, kept from pass to pass.
+#[derive(Default)]
+struct Pool(Mutex<Vec<Scratch>>);
+
+impl Pool {
+    /// Lends memory to a task.
+    fn lend<R>(&self, task: impl FnOnce(&mut Scratch) -> R) -> R {
+        // A task that panicked ends the render anyway.
+        let lock = || self.0.lock().unwrap_or_else(PoisonError::into_inner);
+        let mut scratch = lock().pop().unwrap_or_default();
+        let result = task(&mut scratch);
+        lock().push(scratch);
+        result
+    }
+
+    /// Forgets the splats of the pass before.
+    fn clear(&mut self) {
+        let all = self.0.get_mut().unwrap_or_else(PoisonError::into_inner);
+        all.iter_mut().for_each(|scratch| scratch.splats.clear());
+    }
+
+    /// Moves the splats of all threads to one place. Returns the number of rays traced since the last time.
+    fn gather(&mut self) -> u64 {
+        let all = self.0.get_mut().unwrap_or_else(PoisonError::into_inner);
+        if let Some((first, rest)) = all.split_first_mut() {
+            rest.iter_mut().for_each(|scratch| first.splats.append(&mut scratch.splats));
+        }
+        all.iter_mut().map(|scratch| std::mem::take(&mut scratch.rays)).sum()
+    }
+
+    fn splats(&mut self) -> &[Splat] {
+        let all = self.0.get_mut().unwrap_or_else(PoisonError::into_inner);
+        all.first().map_or(&[], |scratch| &scratch.splats)
+    }
+}
+
+fn sample_pixels<Q: RayQuery>(
+    pass: &Pass<Q>,
+    integrator: Integrator,
+    samples: &mut PassSamples,
+    pool: &Pool,
+) {
+    samples.par_bands_mut().for_each(|mut band| {
+        pool.lend(|scratch| {
+            band.for_each(|pixel, sample, record| {
+                *sample = match record {
+                    Some(record) => sample_pixel(pass, integrator, pixel, scratch, &mut FirstHit(record)),
+                    None => sample_pixel(pass, integrator, pixel, scratch, &mut Unobserved),
+                };
+            });
+        });
+    });
+}
+
+/// Light paths that one task traces: enough to make the pool's lock cheap.
+const LIGHT_PATHS_PER_TASK: u64 = 256;
+
+fn trace_light_paths<Q: RayQuery>(pass: &Pass<Q>, integrator: Integrator, pool: &Pool) {
+    let count = pass.light_paths();
+    (0..count.div_ceil(LIGHT_PATHS_PER_TASK)).into_par_iter().for_each(|task| {
+        pool.lend(|scratch| {
+            let first = task * LIGHT_PATHS_PER_TASK;
+            for slot in first..(first + LIGHT_PATHS_PER_TASK).min(count) {
+                trace_light_path(pass, integrator, slot, scratch, &mut Unobserved);
+            }
+        });
+    });
+}
+
+/// The sample of one pixel in one pass: a function of its arguments alone. Splats that come with it go to `scratch`, which also counts the rays.
 #[inline]
 pub fn sample_pixel<Q: RayQuery, O: PathObserver>(
-    world: &World,
-    query: &Q,
-    target: &Target,
+    pass: &Pass<Q>,
+    integrator: Integrator,
     pixel: IVec2,
-    pass: u32,
+    scratch: &mut Scratch,
     observer: &mut O,
-) -> PixelSample {
-    // Pixels beyond the film's border have negative coordinates; the bits tell them apart all the same.
-    let stream = u64::from(pixel.y as u32) << 32 | u64::from(pixel.x as u32);
-    let sampler = Sampler::new(target.seed, stream, pass);
+) -> Sample {
+    let Pass { world, query, .. } = *pass;
+    let sampler = pass.pixel_sampler(pixel);
     let [x, y, lens_u, lens_v] = sampler.block(CAMERA_SET);
     let jitter = Vec2::new(x, y);
     let ray = world.camera.spawn_ray(pixel.as_vec2() + jitter, Vec2::new(lens_u, lens_v));
-    let (radiance, rays) = match target.integrator {
-        Integrator::Backward(backward) => backward.radiance(world, query, ray, &sampler, observer),
+    let radiance = match integrator {
+        Integrator::Backward(backward) => {
+            let (radiance, rays) = backward.radiance(world, query, ray, &sampler, observer);
+            scratch.rays += u64::from(rays);
+            radiance
+        }
+        Integrator::Forward(_) => {
+            scratch.rays += 1;
+            let hit = query.intersect(&ray).map(|hit| (SurfaceVertex::new(world.scene, &hit, &ray), hit.t));
+            let hit = hit.as_ref().map(|(vertex, t)| (vertex, *t));
+            observer.segment(TransportMode::Radiance, 1, &ray, hit, Rgb::ONE);
+            Rgb::ZERO
+        }
+        Integrator::Bidirectional(bidirectional) => {
+            bidirectional.sample(pass, pixel, ray, &sampler, scratch, observer)
+        }
     };
-    PixelSample { sample: Sample { jitter, radiance }, rays }
+    Sample { jitter, radiance }
 }
 
-/// Fills an AOV record with the first surface that a path meets.
+/// One light path of a pass: a function of its arguments alone. Its splats go to `scratch`. Integrators without light paths do nothing.
+#[inline]
+pub fn trace_light_path<Q: RayQuery, O: PathObserver>(
+    pass: &Pass<Q>,
+    integrator: Integrator,
+    slot: u64,
+    scratch: &mut Scratch,
+    observer: &mut O,
+) {
+    match integrator {
+        Integrator::Backward(_) => {}
+        Integrator::Forward(forward) => forward.trace_light_path(pass, slot, scratch, observer),
+        Integrator::Bidirectional(bidirectional) => {
+            bidirectional.trace_light_path(pass, slot, scratch, observer);
+        }
+    }
+}
+
+/// Fills an AOV record with the first surface that an eye path meets.
 struct FirstHit<'r>(&'r mut AovRecord);
 
 impl PathObserver for FirstHit<'_> {
-    fn segment(&mut self, depth: u32, _: &Ray, hit: Option<(&SurfaceVertex, f32)>, _: Rgb) {
-        if depth != 1 {
+    fn segment(
+        &mut self,
+        mode: TransportMode,
+        depth: u32,
+        _: &Ray,
+        hit: Option<(&SurfaceVertex, f32)>,
+        _: Rgb,
+    ) {
+        if mode != TransportMode::Radiance || depth != 1 {
             return;
         }
         *self.0 = match hit {
@@ -160,5 +254,5 @@ impl PathObserver for FirstHit<'_> {
         };
     }
 
-    fn contribution(&mut self, _: Technique, _: Rgb, _: f32) {}
+    fn contribution(&mut self, _: Strategy, _: Option<Vec2>, _: Rgb, _: f32) {}
 }

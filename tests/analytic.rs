@@ -5,8 +5,8 @@
 //! rounding of some 20 operations is allowed.
 
 use glam::Vec3;
-use helmholtz::integrators::Unobserved;
 use helmholtz::integrators::backward::Backward;
+use helmholtz::integrators::{PathLength, Unobserved};
 use helmholtz::query::{Ray, RayQuery};
 use helmholtz::sampling::Sampler;
 use helmholtz::scene::{Emitter, Geometry, Material, Microfacet, Rgb, Scene};
@@ -65,7 +65,7 @@ fn unlimited() -> Backward {
 }
 
 fn up_to(depth: u32) -> Backward {
-    Backward { max_depth: Some(depth), ..Backward::default() }
+    Backward { length: PathLength { max_depth: Some(depth), ..PathLength::default() }, ..Backward::default() }
 }
 
 fn forward() -> Ray {

@@ -2,34 +2,46 @@
 
 use std::fmt::Write as _;
 
-use glam::{UVec2, Vec3};
+use glam::{UVec2, Vec2, Vec3};
 
-use crate::integrators::{PathObserver, Technique};
+use crate::film::SampledArea;
+use crate::integrators::{Pass, PathObserver, Scratch, Strategy, Unobserved};
 use crate::query::{Ray, RayQuery};
-use crate::render::{Target, sample_pixel};
+use crate::render::{Target, sample_pixel, trace_light_path};
 use crate::scene::Rgb;
 use crate::transport::World;
+use crate::transport::bsdf::TransportMode;
 use crate::transport::vertex::SurfaceVertex;
 
-/// Text of all paths of a pixel in the given passes.
+/// Text of all paths of a pixel in the given passes, and of all light paths that splat into it.
 pub(super) fn describe<Q: RayQuery>(
     world: &World,
     query: &Q,
     target: &Target,
+    area: SampledArea,
     pixel: UVec2,
     passes: std::ops::Range<u32>,
 ) -> String {
     let mut text = String::new();
-    for pass in passes {
-        let mut printer = Printer { world, text: format!("pixel {},{} pass {pass}\n", pixel.x, pixel.y) };
-        let sample = sample_pixel(world, query, target, pixel.as_ivec2(), pass, &mut printer);
+    let pixel = pixel.as_ivec2();
+    for index in passes {
+        let pass = Pass { world, query, seed: target.seed, index, area };
+        let mut scratch = Scratch::default();
+        let mut printer = Printer { world, text: format!("pixel {},{} pass {index}\n", pixel.x, pixel.y) };
+        let sample = sample_pixel(&pass, target.integrator, pixel, &mut scratch, &mut printer);
         text += &printer.text;
-        let _ = writeln!(
-            text,
-            "  = {} at {:?} of the pixel\n",
-            show(sample.sample.radiance),
-            sample.sample.jitter.to_array()
-        );
+        let _ =
+            writeln!(text, "  = {} at {:?} of the pixel\n", show(sample.radiance), sample.jitter.to_array());
+        for slot in 0..pass.light_paths() {
+            scratch.splats.clear();
+            trace_light_path(&pass, target.integrator, slot, &mut scratch, &mut Unobserved);
+            if scratch.splats.iter().any(|splat| splat.position.floor().as_ivec2() == pixel) {
+                let mut printer = Printer { world, text: format!("light path {slot} pass {index}\n") };
+                trace_light_path(&pass, target.integrator, slot, &mut scratch, &mut printer);
+                text += &printer.text;
+                text.push('\n');
+            }
+        }
     }
     text
 }
@@ -44,10 +56,26 @@ fn show(v: Vec3) -> String {
 }
 
 impl PathObserver for Printer<'_, '_> {
-    fn segment(&mut self, depth: u32, ray: &Ray, hit: Option<(&SurfaceVertex, f32)>, beta: Rgb) {
+    fn segment(
+        &mut self,
+        mode: TransportMode,
+        depth: u32,
+        ray: &Ray,
+        hit: Option<(&SurfaceVertex, f32)>,
+        beta: Rgb,
+    ) {
+        let subpath = match mode {
+            TransportMode::Radiance => "eye",
+            TransportMode::Importance => "light",
+        };
         // Writing to a String cannot fail.
-        let _ =
-            writeln!(self.text, "  {depth}: from {} to {}  beta {}", show(ray.o), show(ray.d), show(beta));
+        let _ = writeln!(
+            self.text,
+            "  {subpath} {depth}: from {} to {}  beta {}",
+            show(ray.o),
+            show(ray.d),
+            show(beta)
+        );
         let _ = match hit {
             Some((vertex, t)) => {
                 let point = &vertex.point;
@@ -69,12 +97,12 @@ impl PathObserver for Printer<'_, '_> {
         };
     }
 
-    fn contribution(&mut self, technique: Technique, value: Rgb, mis_weight: f32) {
-        let how = match technique {
-            Technique::HitLight => "hits a light",
-            Technique::HitEnvironment => "hits the environment",
-            Technique::SampledLight => "samples a light",
-        };
-        let _ = writeln!(self.text, "     {how}: adds {} with MIS weight {mis_weight}", show(value));
+    fn contribution(&mut self, strategy: Strategy, film: Option<Vec2>, value: Rgb, mis_weight: f32) {
+        let place = film.map_or_else(String::new, |p| format!(" at {},{}", p.x, p.y));
+        let _ = writeln!(
+            self.text,
+            "     {strategy}: adds {}{place}, with MIS weight {mis_weight}",
+            show(value * mis_weight)
+        );
     }
 }

@@ -224,7 +224,8 @@ impl Job<'_> {
             return Err(format!("--debug-pixel {},{} is not on the film", pixel.x, pixel.y).into());
         }
         let passes = self.args.passes.clone().unwrap_or(0..1);
-        print!("{}", debug_pixel::describe(world, query, &self.target, pixel, passes));
+        let area = Film::new(&self.scene.film, AovSet::default(), 1.0)?.sampled_area();
+        print!("{}", debug_pixel::describe(world, query, &self.target, area, pixel, passes));
         Ok(EXIT_DONE)
     }
 

@@ -31,6 +31,21 @@ impl Quantum {
     /// greatest or least value, which [`ExactSum`] takes for infinite.
     #[inline]
     pub fn round(self, x: f64) -> i128 {
+        // Of numbers below 2^52 adding and subtracting it leaves an integer, rounded to nearest, ties to even; greater ones are integers.
+        const ROUNDER: f64 = 4_503_599_627_370_496.0;
+        const MAX_SMALL: f64 = 4e18;
+        let y = x * power_of_two(-self.log2);
+        let magnitude = y.abs();
+        if magnitude < MAX_SMALL {
+            let rounded = if magnitude < ROUNDER { (magnitude + ROUNDER) - ROUNDER } else { magnitude };
+            return i128::from(rounded.copysign(y) as i64);
+        }
+        self.round_large(x)
+    }
+
+    /// [`round`](Self::round) for any number.
+    #[inline]
+    fn round_large(self, x: f64) -> i128 {
         const SIGNIFICAND_BITS: i32 = 52;
         const EXPONENT_MASK: i32 = 0x7ff;
         let bits = x.to_bits();

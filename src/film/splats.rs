@@ -74,12 +74,15 @@ impl<'a> SplatTarget<'a> {
         self.filter.weights(jitter.y, &mut self.y);
         let first = corner.as_ivec2() - self.filter.border() as i32 - self.min;
         let mut overflows = 0;
-        for (y, wy) in (first.y..).zip(&self.y).filter(|(y, _)| (0..self.size.y).contains(y)) {
-            for (x, wx) in (first.x..).zip(&self.x).filter(|(x, _)| (0..self.size.x).contains(x)) {
+        let radiance = splat.radiance.to_array().map(f64::from);
+        // A filter reaches one pixel less than it has taps, unless the splat is in the middle of a pixel.
+        let reached = |(at, weight): &(i32, &f64), size: i32| (0..size).contains(at) && **weight != 0.0;
+        for (y, wy) in (first.y..).zip(&self.y).filter(|tap| reached(tap, self.size.y)) {
+            for (x, wx) in (first.x..).zip(&self.x).filter(|tap| reached(tap, self.size.x)) {
                 let weight = wx * wy;
                 let pixel = (y as usize * self.size.x as usize + x as usize) * 3;
-                for (sum, value) in self.sums[pixel..pixel + 3].iter_mut().zip(splat.radiance.to_array()) {
-                    overflows += u64::from(sum.add(self.quantum.round(weight * f64::from(value))));
+                for (sum, value) in self.sums[pixel..pixel + 3].iter_mut().zip(radiance) {
+                    overflows += u64::from(sum.add(self.quantum.round(weight * value)));
                 }
             }
         }

@@ -7,7 +7,8 @@
 
 use glam::Vec3;
 
-use super::{IntegratorError, PathObserver, Technique};
+use super::parameters::{PathLength, bad, unknown};
+use super::{IntegratorError, PathObserver, Strategy};
 use crate::query::{Ray, RayQuery};
 use crate::sampling::Sampler;
 use crate::scene::Rgb;
@@ -18,20 +19,12 @@ use crate::transport::vertex::SurfaceVertex;
 use crate::transport::walk::Walk;
 
 /// Parameters, with Mitsuba's names, meaning and defaults.
-#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
 pub struct Backward {
-    /// Greatest number of segments of a path: 1 shows lights only, 2 direct light. `None`: no limit (`-1`).
-    pub max_depth: Option<u32>,
-    /// Number of segments after which Russian roulette begins; at least 1.
-    pub rr_depth: u32,
+    /// How long paths get.
+    pub length: PathLength,
     /// Camera rays pass through area lights and see no environment.
     pub hide_emitters: bool,
-}
-
-impl Default for Backward {
-    fn default() -> Self {
-        Self { max_depth: None, rr_depth: 5, hide_emitters: false }
-    }
 }
 
 /// Dimension sets of the sampler: set 0 belongs to film and lens, then each vertex takes two.
@@ -47,36 +40,13 @@ impl Backward {
     pub fn from_parameters(parameters: &[(String, String)]) -> Result<Self, IntegratorError> {
         let mut this = Self::default();
         for (name, value) in parameters {
-            let bad =
-                |parameter, expected| IntegratorError::BadValue { parameter, value: value.clone(), expected };
             match name.as_str() {
-                "max_depth" => {
-                    let error = || bad("max_depth", "an integer of at least 0, or -1 for no limit");
-                    let depth: i64 = value.parse().map_err(|_| error())?;
-                    this.max_depth = match depth {
-                        -1 => None,
-                        _ => Some(u32::try_from(depth).map_err(|_| error())?),
-                    };
-                }
-                "rr_depth" => {
-                    let depth: u32 = value.parse().unwrap_or(0);
-                    this.rr_depth = if depth > 0 {
-                        depth
-                    } else {
-                        return Err(bad("rr_depth", "an integer of at least 1"));
-                    };
-                }
                 "hide_emitters" => {
                     this.hide_emitters =
-                        value.parse().map_err(|_| bad("hide_emitters", "`true` or `false`"))?;
+                        value.parse().map_err(|_| bad("hide_emitters", value, "`true` or `false`"))?;
                 }
-                _ => {
-                    return Err(IntegratorError::UnknownParameter {
-                        integrator: "path",
-                        parameter: name.clone(),
-                        known: "max_depth, rr_depth, hide_emitters".to_owned(),
-                    });
-                }
+                _ if this.length.read(name, value)? => {}
+                _ => return Err(unknown("path", name, "max_depth, rr_depth, hide_emitters")),
             }
         }
         Ok(this)
@@ -84,8 +54,7 @@ impl Backward {
 
     /// Name and parameters, in the form that the command line takes.
     pub fn describe(&self) -> String {
-        let max_depth = self.max_depth.map_or(-1, i64::from);
-        format!("path:max_depth={max_depth},rr_depth={},hide_emitters={}", self.rr_depth, self.hide_emitters)
+        format!("path:{},hide_emitters={}", self.length.describe(), self.hide_emitters)
     }
 
     /// Radiance that arrives at the camera along `camera_ray`, and the number of rays that were traced for it.
@@ -97,7 +66,7 @@ impl Backward {
         sampler: &Sampler,
         observer: &mut O,
     ) -> (Rgb, u32) {
-        let max_depth = self.max_depth.unwrap_or(u32::MAX);
+        let max_depth = self.length.limit();
         let mut radiance = Rgb::ZERO;
         let mut rays = 0;
         let mut walk = Walk::new(TransportMode::Radiance, camera_ray, Rgb::ONE);
@@ -106,23 +75,26 @@ impl Backward {
             rays += 1;
             let Some(vertex) = self.next_vertex(world, query, &mut walk, depth, observer) else {
                 if !(self.hide_emitters && depth == 1) {
-                    radiance += hit_environment(world, &walk, observer);
+                    radiance += hit_environment(world, &walk, depth, observer);
                 }
                 break;
             };
-            radiance += hit_light(world, &walk, previous, &vertex, observer);
+            radiance += hit_light(world, &walk, previous, &vertex, depth, observer);
             if depth == max_depth {
                 break;
             }
             let set = SETS_PER_VERTEX * (depth - 1);
             if !vertex.bsdf.is_delta() {
                 let [choice, u, v, _] = sampler.block(set + LIGHT_SET);
-                let (light, traced) = sample_light(world, query, &walk, &vertex, [choice, u, v], observer);
+                let (light, traced) =
+                    sample_light(world, query, &walk, &vertex, depth, [choice, u, v], observer);
                 radiance += light;
                 rays += traced;
             }
             let [lobe, u, v, roulette] = sampler.block(set + SCATTER_SET);
-            if !walk.scatter(&vertex, [lobe, u, v]) || (depth >= self.rr_depth && !walk.survives(roulette)) {
+            if walk.scatter(&vertex, [lobe, u, v]).is_none()
+                || (depth >= self.length.rr_depth && !walk.survives(roulette))
+            {
                 break;
             }
             previous = Some(vertex.point.p);
@@ -154,27 +126,27 @@ impl Backward {
             }
         };
         let Some(hit) = hit else {
-            observer.segment(depth, &walk.ray, None, walk.beta);
+            observer.segment(walk.mode, depth, &walk.ray, None, walk.beta);
             return None;
         };
         let vertex = SurfaceVertex::new(world.scene, &hit, &walk.ray);
-        observer.segment(depth, &walk.ray, Some((&vertex, hit.t)), walk.beta);
+        observer.segment(walk.mode, depth, &walk.ray, Some((&vertex, hit.t)), walk.beta);
         Some(vertex)
     }
 }
 
 /// Light of the environment, for a walk that left the scene.
 #[inline]
-fn hit_environment<O: PathObserver>(world: &World, walk: &Walk, observer: &mut O) -> Rgb {
+fn hit_environment<O: PathObserver>(world: &World, walk: &Walk, depth: u32, observer: &mut O) -> Rgb {
     let emitted = world.lights.le_environment(walk.ray.d);
     if emitted == Rgb::ZERO {
         return Rgb::ZERO;
     }
     let pdf_environment = || world.lights.pdf_environment(walk.ray.d);
     let weight = if walk.is_delta { 1.0 } else { power_heuristic(walk.pdf_w, pdf_environment()) };
-    let value = walk.beta * emitted * weight;
-    observer.contribution(Technique::HitEnvironment, value, weight);
-    value
+    let value = walk.beta * emitted;
+    observer.contribution(Strategy { s: 0, t: depth + 1 }, None, value, weight);
+    value * weight
 }
 
 /// Light that the vertex itself emits towards the vertex before, which is at `previous` unless that is the camera.
@@ -184,6 +156,7 @@ fn hit_light<O: PathObserver>(
     walk: &Walk,
     previous: Option<Vec3>,
     vertex: &SurfaceVertex,
+    depth: u32,
     observer: &mut O,
 ) -> Rgb {
     let Some(light) = world.lights.light_at(&vertex.point) else { return Rgb::ZERO };
@@ -197,9 +170,9 @@ fn hit_light<O: PathObserver>(
         }
         _ => 1.0,
     };
-    let value = walk.beta * emitted * weight;
-    observer.contribution(Technique::HitLight, value, weight);
-    value
+    let value = walk.beta * emitted;
+    observer.contribution(Strategy { s: 0, t: depth + 1 }, None, value, weight);
+    value * weight
 }
 
 /// Light from a light chosen and sampled for this vertex, and the number of rays that were traced.
@@ -209,6 +182,7 @@ fn sample_light<Q: RayQuery, O: PathObserver>(
     query: &Q,
     walk: &Walk,
     vertex: &SurfaceVertex,
+    depth: u32,
     u: [f32; 3],
     observer: &mut O,
 ) -> (Rgb, u32) {
@@ -225,7 +199,7 @@ fn sample_light<Q: RayQuery, O: PathObserver>(
     } else {
         power_heuristic(light.pdf_w, vertex.pdf_w(light.wi, TransportMode::Radiance))
     };
-    let value = walk.beta * scattered * light.radiance * (weight / light.pdf_w);
-    observer.contribution(Technique::SampledLight, value, weight);
-    (value, 1)
+    let value = walk.beta * scattered * light.radiance / light.pdf_w;
+    observer.contribution(Strategy { s: 1, t: depth + 1 }, None, value, weight);
+    (value * weight, 1)
 }

@@ -1,22 +1,35 @@
 //! Light transport algorithms, one file each.
 //!
-//! An integrator is a set of parameters with a function that makes samples; it owns no threads, no film and no
-//! random numbers. [`render`](crate::render) calls it.
+//! An integrator is a set of parameters with a function that makes samples or splats; it owns no threads, no film and no
+//! random numbers. [`render`](crate::render) calls it with the [`Pass`] that it works on.
 
 pub mod backward;
+pub mod bidirectional;
+pub mod forward;
+mod light_path;
 mod observer;
+mod parameters;
+mod pass;
 
-pub use observer::{PathObserver, Technique, Unobserved};
+pub use observer::{PathObserver, Strategy, Unobserved};
+pub use parameters::PathLength;
+pub use pass::{Pass, Scratch};
 
 use thiserror::Error;
 
 use backward::Backward;
+use bidirectional::Bidirectional;
+use forward::Forward;
 
 /// An integrator with its parameters.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub enum Integrator {
     /// Paths from the camera.
     Backward(Backward),
+    /// Paths from the lights.
+    Forward(Forward),
+    /// Both, and their connections.
+    Bidirectional(Bidirectional),
 }
 
 /// Why an integrator was refused.
@@ -52,7 +65,8 @@ pub enum IntegratorError {
 
 impl Integrator {
     /// Names that [`Integrator::new`] takes.
-    pub const NAMES: &'static [&'static str] = &["path", "backward"];
+    pub const NAMES: &'static [&'static str] =
+        &["path", "backward", "ptracer", "forward", "bdpt", "bidirectional"];
 
     /// The integrator called `name` with parameters given as text; those not given have their defaults.
     ///
@@ -61,6 +75,8 @@ impl Integrator {
     pub fn new(name: &str, parameters: &[(String, String)]) -> Result<Self, IntegratorError> {
         match name {
             "path" | "backward" => Ok(Self::Backward(Backward::from_parameters(parameters)?)),
+            "ptracer" | "forward" => Ok(Self::Forward(Forward::from_parameters(parameters)?)),
+            "bdpt" | "bidirectional" => Ok(Self::Bidirectional(Bidirectional::from_parameters(parameters)?)),
             _ => Err(IntegratorError::UnknownName { name: name.to_owned() }),
         }
     }
@@ -69,6 +85,17 @@ impl Integrator {
     pub fn describe(&self) -> String {
         match self {
             Self::Backward(backward) => backward.describe(),
+            Self::Forward(forward) => forward.describe(),
+            Self::Bidirectional(bidirectional) => bidirectional.describe(),
+        }
+    }
+
+    /// How long its paths get.
+    pub fn length(&self) -> PathLength {
+        match self {
+            Self::Backward(backward) => backward.length,
+            Self::Forward(forward) => forward.length,
+            Self::Bidirectional(bidirectional) => bidirectional.length,
         }
     }
 }

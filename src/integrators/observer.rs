@@ -1,27 +1,52 @@
-//! Watching paths being made: for AOVs and for `--debug-pixel`.
+//! Watching paths being made: for AOVs, for `--debug-pixel` and for the images of single strategies.
+
+use std::fmt;
+
+use glam::Vec2;
 
 use crate::query::Ray;
 use crate::scene::Rgb;
+use crate::transport::bsdf::TransportMode;
 use crate::transport::vertex::SurfaceVertex;
 
-/// How a contribution came about.
-#[derive(Debug, Clone, Copy, PartialEq, Eq)]
-pub enum Technique {
-    /// The path hit a light.
-    HitLight,
-    /// The path left the scene to the environment.
-    HitEnvironment,
-    /// A light was sampled from the path's end (next-event estimation).
-    SampledLight,
+/// How a path was made: `s` of its vertices from the light, `t` from the camera, the lens and the point on the light included. The
+/// path has `s + t - 1` segments.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Hash, PartialOrd, Ord)]
+pub struct Strategy {
+    /// Vertices of the light subpath.
+    pub s: u32,
+    /// Vertices of the eye subpath.
+    pub t: u32,
+}
+
+impl fmt::Display for Strategy {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        let what = match self {
+            Self { s: 0, .. } => "hits a light",
+            Self { t: 0, .. } => "hits the lens",
+            Self { t: 1, .. } => "samples the lens",
+            Self { s: 1, .. } => "samples a light",
+            _ => "connects the subpaths",
+        };
+        write!(f, "{what} (s = {}, t = {})", self.s, self.t)
+    }
 }
 
 /// Is told of each step of a path. Integrators are generic over it, so that not watching costs nothing.
 pub trait PathObserver {
-    /// `ray` was traced and met `vertex` after `t`, or left the scene. `beta` is the throughput up to there; `depth` counts segments from 1.
-    fn segment(&mut self, depth: u32, ray: &Ray, hit: Option<(&SurfaceVertex, f32)>, beta: Rgb);
+    /// `ray` was traced and met `vertex` after `t`, or left the scene. `mode` tells eye subpaths (radiance) from light subpaths (importance);
+    /// `beta` is the throughput up to there; `depth` counts segments from 1.
+    fn segment(
+        &mut self,
+        mode: TransportMode,
+        depth: u32,
+        ray: &Ray,
+        hit: Option<(&SurfaceVertex, f32)>,
+        beta: Rgb,
+    );
 
-    /// Radiance `value`, weighted by `mis_weight` already, reaches the film.
-    fn contribution(&mut self, technique: Technique, value: Rgb, mis_weight: f32);
+    /// `value` times `mis_weight` reaches the film: at a position in pixels, or as a part of the pixel's own sample.
+    fn contribution(&mut self, strategy: Strategy, film: Option<Vec2>, value: Rgb, mis_weight: f32);
 }
 
 /// Watches nothing.
@@ -30,8 +55,8 @@ pub struct Unobserved;
 
 impl PathObserver for Unobserved {
     #[inline]
-    fn segment(&mut self, _: u32, _: &Ray, _: Option<(&SurfaceVertex, f32)>, _: Rgb) {}
+    fn segment(&mut self, _: TransportMode, _: u32, _: &Ray, _: Option<(&SurfaceVertex, f32)>, _: Rgb) {}
 
     #[inline]
-    fn contribution(&mut self, _: Technique, _: Rgb, _: f32) {}
+    fn contribution(&mut self, _: Strategy, _: Option<Vec2>, _: Rgb, _: f32) {}
 }

@@ -48,6 +48,29 @@ pub struct CameraConnection {
     pub importance: f32,
     /// Cosine between `d` and the viewing direction.
     pub cos: f32,
+    /// The camera sees nothing nearer to the lens along `d` than this.
+    pub t_min: f32,
+}
+
+/// A ray of light that met the lens by chance.
+#[derive(Debug, Clone, Copy)]
+pub struct LensHit {
+    /// Where the light is seen on the film, in pixels.
+    pub film: Vec2,
+    /// Distance along the ray.
+    pub t: f32,
+    /// Importance We of the direction that the light came from, as of [`CameraModel::we`].
+    pub importance: f32,
+    /// Cosine between the ray and the viewing direction, positive.
+    pub cos: f32,
+}
+
+impl CameraConnection {
+    /// A ray towards the lens that ends where the camera begins to see.
+    #[inline]
+    pub fn shorten(&self, ray: Ray) -> Ray {
+        Ray { t_max: ray.t_max - self.t_min, ..ray }
+    }
 }
 
 impl CameraModel {
@@ -223,7 +246,42 @@ impl CameraModel {
         }
         let d = to.normalize();
         let (importance, film) = self.we(p, d)?;
-        Some(CameraConnection { p, d, film, importance, cos: d.dot(self.forward()) })
+        let cos = d.dot(self.forward());
+        Some(CameraConnection { p, d, film, importance, cos, t_min: self.near_clip / cos })
+    }
+
+    /// The camera's ray from the lens point chosen by `u` in a direction, for what is infinitely far away; with its importance.
+    /// `None` if the camera looks the other way.
+    #[inline]
+    pub fn sample_distant(&self, d: Vec3, u: Vec2) -> Option<(CameraConnection, Ray)> {
+        let p = self.position + self.to_world * self.lens_point(u).extend(0.0);
+        let (importance, film) = self.we(p, d)?;
+        let cos = d.dot(self.forward());
+        let t_min = self.near_clip / cos;
+        let ray = Ray { o: p, d, t_min, t_max: self.far_clip / cos };
+        Some((CameraConnection { p, d, film, importance, cos, t_min }, ray))
+    }
+
+    /// Where light that travels along `ray` and meets a surface at distance `t_surface` (or none: infinity) hits the lens. Light from a surface
+    /// (`is_near`) must lie between the clipping planes to be seen, light from infinity need not.
+    #[inline]
+    pub fn hit(&self, ray: &Ray, t_surface: f32, is_near: bool) -> Option<LensHit> {
+        let cos = -ray.d.dot(self.forward());
+        if self.is_delta() || cos <= 0.0 {
+            return None;
+        }
+        let depth = (ray.o - self.position).dot(self.forward());
+        let t = depth / cos;
+        let unseen = depth <= self.near_clip || (is_near && depth >= self.far_clip);
+        if unseen || t_surface < t - self.near_clip / cos {
+            return None;
+        }
+        let p = ray.o + t * ray.d;
+        if p.distance_squared(self.position) > self.aperture_radius * self.aperture_radius {
+            return None;
+        }
+        let (importance, film) = self.we(p, -ray.d)?;
+        Some(LensHit { film, t, importance, cos })
     }
 
     #[inline]
@@ -240,6 +298,7 @@ impl CameraModel {
             film: self.film_at(local.truncate()),
             importance,
             cos: 1.0,
+            t_min: self.near_clip,
         })
     }
 }

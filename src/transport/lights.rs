@@ -92,6 +92,8 @@ pub struct LiSample {
     pub pdf_w: f32,
     /// Whether no other technique can find this direction.
     pub is_delta: bool,
+    /// Normal of the light where it was hit, if it is a surface.
+    pub ng: Option<Vec3>,
     /// Tells by [`occluded`](crate::query::RayQuery::occluded) whether anything is between.
     pub shadow_ray: Ray,
 }
@@ -344,24 +346,6 @@ impl<'s> Lights<'s> {
         self.environment.as_ref().map_or(Rgb::ZERO, |(_, environment)| environment.le(d))
     }
 
-    /// Whether no other path can hit the light's position: a point or a spot light.
-    #[inline]
-    pub fn is_delta_position(&self, light: LightId) -> bool {
-        matches!(self.all[light.0 as usize], Light::Point { .. } | Light::Spot(_))
-    }
-
-    /// Whether the light shines in one direction only: a directional light.
-    #[inline]
-    pub fn is_delta_direction(&self, light: LightId) -> bool {
-        matches!(self.all[light.0 as usize], Light::Directional { .. })
-    }
-
-    /// Whether the light is infinitely far away, so that its position density is that of a disc across its direction.
-    #[inline]
-    pub fn is_distant(&self, light: LightId) -> bool {
-        matches!(self.all[light.0 as usize], Light::Directional { .. } | Light::Environment)
-    }
-
     /// Chooses a light: the light and its probability. `None` if nothing emits.
     #[inline]
     fn choose(&self, u: f32) -> Option<(LightId, Light, f32)> {
@@ -395,6 +379,7 @@ impl<'s> Lights<'s> {
                     radiance: irradiance,
                     pdf_w: choice,
                     is_delta: true,
+                    ng: None,
                     shadow_ray,
                 })
             }
@@ -409,6 +394,7 @@ impl<'s> Lights<'s> {
                     radiance,
                     pdf_w,
                     is_delta: false,
+                    ng: None,
                     shadow_ray,
                 })
             }
@@ -424,6 +410,7 @@ impl<'s> Lights<'s> {
                     radiance,
                     pdf_w,
                     is_delta: false,
+                    ng: Some(point.ng),
                     shadow_ray,
                 })
             }
@@ -624,6 +611,50 @@ impl<'s> Lights<'s> {
             (_, None) => (0.0, 0.0),
         }
     }
+
+    /// Whether a light is a point or a direction, which no path can hit.
+    #[inline]
+    pub fn is_delta(&self, light: LightId) -> bool {
+        match self.all[light.0 as usize] {
+            Light::Point { .. } | Light::Spot(_) | Light::Directional { .. } => true,
+            Light::Triangle { .. } | Light::Rectangle(_) | Light::Analytic { .. } | Light::Environment => {
+                false
+            }
+        }
+    }
+
+    /// Density per solid angle with which [`sample_li`](Self::sample_li) would have found, from the point `at`, the start of a light path
+    /// that leads there; the probability of the light alone if it is a delta.
+    #[inline]
+    pub fn pdf_li_of_start(&self, start: &LeSample, at: Vec3) -> f32 {
+        match (self.all[start.light.0 as usize], &start.point) {
+            (Light::Point { .. } | Light::Spot(_) | Light::Directional { .. }, _) => {
+                self.choice_pdf(start.light)
+            }
+            (Light::Environment, _) => self.pdf_environment(-start.ray.d),
+            (_, Some(point)) => self.pdf_li(start.light, at, point, -start.ray.d),
+            (_, None) => 0.0,
+        }
+    }
+
+    /// How much denser light paths that start at `light` in direction `d` are at the point `at` than places on the light that are sampled from
+    /// there with density `pdf_li`: the quotient of both densities of this segment, per area across `d` at `at`.
+    /// `ng` is the normal where the path leaves an area light.
+    #[inline]
+    pub fn le_over_li(&self, light: LightId, ng: Option<Vec3>, d: Vec3, at: Vec3, pdf_li: f32) -> f64 {
+        let (pdf_position, pdf_direction_w) = self.pdf_le(light, ng, d);
+        // Area per solid angle seen from `at` over area per solid angle seen from the light; the squared distance cancels unless
+        // there is no area.
+        let spread = match self.all[light.0 as usize] {
+            Light::Point { position, .. } => at.distance_squared(position),
+            Light::Spot(spot) => at.distance_squared(self.spots[spot as usize].position),
+            Light::Directional { .. } | Light::Environment => 1.0,
+            Light::Triangle { .. } | Light::Rectangle(_) | Light::Analytic { .. } => {
+                ng.map_or(1.0, |ng| ng.dot(d).abs())
+            }
+        };
+        f64::from(pdf_position) * f64::from(pdf_direction_w) / (f64::from(pdf_li) * f64::from(spread))
+    }
 }
 
 /// Light from a point of no size, with the `intensity` that it has in a direction away from it. `None` where that is none.
@@ -644,6 +675,7 @@ fn point_li(
         radiance,
         pdf_w: choice,
         is_delta: true,
+        ng: None,
         shadow_ray,
     })
 }

@@ -3,6 +3,7 @@
 use glam::Vec3;
 
 use super::bsdf::{Bsdf, Frame, TransportMode};
+use super::mis::Turn;
 use crate::query::{Hit, Ray};
 use crate::scene::{Rgb, Scene, SurfacePoint};
 
@@ -34,6 +35,17 @@ pub struct Scatter {
     pub is_delta: bool,
     /// Index of refraction of the side that `wi` goes to, over that of the side it came from.
     pub eta: f32,
+}
+
+/// A vertex's answer to a direction that something else chose.
+#[derive(Debug, Clone, Copy)]
+pub struct Evaluation {
+    /// BSDF times cosine, as of [`SurfaceVertex::eval`].
+    pub f: Rgb,
+    /// Density per solid angle of that direction, as of [`SurfaceVertex::pdf_w`].
+    pub pdf_w: f32,
+    /// Density per solid angle of the way back, as of [`SurfaceVertex::pdf_rev_w`].
+    pub pdf_rev_w: f32,
 }
 
 impl SurfaceVertex {
@@ -72,6 +84,45 @@ impl SurfaceVertex {
     #[inline]
     pub fn pdf_w(&self, wi: Vec3, mode: TransportMode) -> f32 {
         self.bsdf.pdf(self.wo_local, self.frame.to_local(wi), mode)
+    }
+
+    /// Density per solid angle with which a path that comes from `wi` and carries the other quantity would have gone on to `wo`; without
+    /// delta lobes.
+    #[inline]
+    pub fn pdf_rev_w(&self, wi: Vec3, mode: TransportMode) -> f32 {
+        self.bsdf.pdf(self.frame.to_local(wi), self.wo_local, mode.other())
+    }
+
+    /// [`eval`](Self::eval) with the densities both ways; `None` where nothing is scattered.
+    #[inline]
+    pub fn evaluate(&self, wi: Vec3, mode: TransportMode) -> Option<Evaluation> {
+        let wi_local = self.frame.to_local(wi);
+        if !self.sides_agree(wi, wi_local) || !self.sides_agree(self.wo, self.wo_local) {
+            return None;
+        }
+        let f = self.bsdf.eval(self.wo_local, wi_local, mode);
+        if f == Rgb::ZERO {
+            return None;
+        }
+        Some(Evaluation {
+            f: f * (wi_local.z.abs() * self.correction(wi, wi_local, mode)),
+            pdf_w: self.bsdf.pdf(self.wo_local, wi_local, mode),
+            pdf_rev_w: self.bsdf.pdf(wi_local, self.wo_local, mode.other()),
+        })
+    }
+
+    /// What weights need to know of a scattering event. `cos_in` is [`cos`](Self::cos) of `wo`.
+    #[inline]
+    pub fn turn(&self, cos_in: f32, scatter: &Scatter, mode: TransportMode) -> Turn {
+        let Scatter { wi, pdf_w, is_delta, eta, .. } = *scatter;
+        let pdf_rev_w = if is_delta { 0.0 } else { self.pdf_rev_w(wi, mode) };
+        Turn { cos_in, cos_out: self.cos(wi), pdf_w, pdf_rev_w, is_delta, eta }
+    }
+
+    /// Absolute cosine between a direction and the geometric normal.
+    #[inline]
+    pub fn cos(&self, w: Vec3) -> f32 {
+        self.point.ng.dot(w).abs()
     }
 
     /// Draws a direction in which the path goes on. `None` where it ends.

@@ -1,7 +1,7 @@
 //! The subpath walk: a path extended vertex by vertex, from the camera or from a light.
 
 use super::bsdf::TransportMode;
-use super::vertex::SurfaceVertex;
+use super::vertex::{Scatter, SurfaceVertex};
 use crate::query::Ray;
 use crate::scene::Rgb;
 
@@ -33,10 +33,10 @@ impl Walk {
         Self { mode, ray, beta, pdf_w: 1.0, is_delta: true, eta_scale: 1.0 }
     }
 
-    /// Goes on from a vertex in a direction drawn from its BSDF. `false` where the path is absorbed.
+    /// Goes on from a vertex in a direction drawn from its BSDF, which is returned. `None` where the path is absorbed.
     #[inline]
-    pub fn scatter(&mut self, vertex: &SurfaceVertex, u: [f32; 3]) -> bool {
-        let Some(scatter) = vertex.scatter(u, self.mode) else { return false };
+    pub fn scatter(&mut self, vertex: &SurfaceVertex, u: [f32; 3]) -> Option<Scatter> {
+        let scatter = vertex.scatter(u, self.mode)?;
         self.beta *= scatter.weight;
         self.pdf_w = scatter.pdf_w;
         self.is_delta = scatter.is_delta;
@@ -44,7 +44,7 @@ impl Walk {
             self.eta_scale *= scatter.eta * scatter.eta;
         }
         self.ray = Ray::spawn(&vertex.point, scatter.wi);
-        self.beta != Rgb::ZERO
+        (self.beta != Rgb::ZERO).then_some(scatter)
     }
 
     /// Russian roulette: ends the path with a probability that keeps its throughput near 1. `false` where it ends.

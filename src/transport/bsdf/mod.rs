@@ -43,6 +43,18 @@ pub enum TransportMode {
     Importance,
 }
 
+impl TransportMode {
+    /// What the other subpath carries.
+    #[inline]
+    #[must_use]
+    pub fn other(self) -> Self {
+        match self {
+            Self::Radiance => Self::Importance,
+            Self::Importance => Self::Radiance,
+        }
+    }
+}
+
 /// One way to go on from a surface.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct BsdfSample {

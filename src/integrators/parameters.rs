@@ -1,0 +1,64 @@
+//! Parameters that integrators share, read from text. Names, meaning and defaults are Mitsuba's.
+
+use super::IntegratorError;
+
+/// Limits on the length of paths.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub struct PathLength {
+    /// Greatest number of segments of a path: 1 shows lights only, 2 direct light. `None`: no limit (`-1`).
+    pub max_depth: Option<u32>,
+    /// Number of segments after which Russian roulette begins; at least 1. For each subpath by itself.
+    pub rr_depth: u32,
+}
+
+impl Default for PathLength {
+    fn default() -> Self {
+        Self { max_depth: None, rr_depth: 5 }
+    }
+}
+
+impl PathLength {
+    /// Greatest number of segments.
+    #[inline]
+    pub fn limit(&self) -> u32 {
+        self.max_depth.unwrap_or(u32::MAX)
+    }
+
+    /// Takes a parameter if it is one of these. Whether it is.
+    pub(super) fn read(&mut self, name: &str, value: &str) -> Result<bool, IntegratorError> {
+        match name {
+            "max_depth" => {
+                let error = || bad("max_depth", value, "an integer of at least 0, or -1 for no limit");
+                let depth: i64 = value.parse().map_err(|_| error())?;
+                self.max_depth = match depth {
+                    -1 => None,
+                    _ => Some(u32::try_from(depth).map_err(|_| error())?),
+                };
+            }
+            "rr_depth" => {
+                let depth: u32 = value.parse().unwrap_or(0);
+                self.rr_depth = if depth > 0 {
+                    depth
+                } else {
+                    return Err(bad("rr_depth", value, "an integer of at least 1"));
+                };
+            }
+            _ => return Ok(false),
+        }
+        Ok(true)
+    }
+
+    pub(super) fn describe(&self) -> String {
+        format!("max_depth={},rr_depth={}", self.max_depth.map_or(-1, i64::from), self.rr_depth)
+    }
+}
+
+/// A parameter has a value that it cannot have.
+pub(super) fn bad(parameter: &'static str, value: &str, expected: &'static str) -> IntegratorError {
+    IntegratorError::BadValue { parameter, value: value.to_owned(), expected }
+}
+
+/// There is no such parameter.
+pub(super) fn unknown(integrator: &'static str, parameter: &str, known: &str) -> IntegratorError {
+    IntegratorError::UnknownParameter { integrator, parameter: parameter.to_owned(), known: known.to_owned() }
+}

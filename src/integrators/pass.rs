@@ -1,0 +1,78 @@
+//! One pass, as integrators see it, and the memory they work in.
+
+use glam::{IVec2, Vec2};
+
+use super::light_path::LightVertex;
+use crate::film::{SampledArea, Splat};
+use crate::sampling::Sampler;
+use crate::transport::World;
+
+/// All that the samples and light paths of a pass depend on, but for the integrator's parameters.
+pub struct Pass<'a, 's, Q> {
+    /// What is rendered.
+    pub world: &'a World<'s>,
+    /// Answers ray queries.
+    pub query: &'a Q,
+    /// Images with different seeds are independent.
+    pub seed: u64,
+    /// Which pass.
+    pub index: u32,
+    /// The pixels that a pass samples; splats elsewhere do not reach the film.
+    pub area: SampledArea,
+}
+
+/// Set in the streams of light paths, and in none of a pixel: no row has this number.
+const LIGHT_STREAM: u64 = 1 << 63;
+
+/// Light paths that share a stream, stratified together; the sampler's sequence is that long.
+const LIGHT_PATHS_PER_STREAM_LOG2: u32 = 16;
+
+impl<Q> Pass<'_, '_, Q> {
+    /// Number of light paths: as many as there are pixels in the sampled area. Each splat is divided by it.
+    #[inline]
+    pub fn light_paths(&self) -> u64 {
+        u64::from(self.area.size.x) * u64::from(self.area.size.y)
+    }
+
+    /// The light path that goes with a pixel of the sampled area, in [0, `light_paths`).
+    #[inline]
+    pub fn slot(&self, pixel: IVec2) -> u64 {
+        let at = (pixel - self.area.min).as_uvec2();
+        u64::from(at.y) * u64::from(self.area.size.x) + u64::from(at.x)
+    }
+
+    /// Random numbers of a pixel's camera sample.
+    #[inline]
+    pub fn pixel_sampler(&self, pixel: IVec2) -> Sampler {
+        // Pixels beyond the film's border have negative coordinates; the bits tell them apart all the same.
+        let stream = u64::from(pixel.y as u32) << 32 | u64::from(pixel.x as u32);
+        Sampler::new(self.seed, stream, self.index)
+    }
+
+    /// Random numbers of a light path. Neighbours in slots are neighbours in a low-discrepancy sequence, so that light is spread
+    /// evenly over the whole scene already within a pass.
+    #[inline]
+    pub fn light_sampler(&self, slot: u64) -> Sampler {
+        let path = u64::from(self.index) * self.light_paths() + slot;
+        let index = path & ((1 << LIGHT_PATHS_PER_STREAM_LOG2) - 1);
+        Sampler::new(self.seed, LIGHT_STREAM | path >> LIGHT_PATHS_PER_STREAM_LOG2, index as u32)
+    }
+
+    /// Whether a film position lies in the sampled area.
+    #[inline]
+    pub fn is_sampled(&self, film: Vec2) -> bool {
+        let min = self.area.min.as_vec2();
+        film.cmpge(min).all() && film.cmplt(min + self.area.size.as_vec2()).all()
+    }
+}
+
+/// Memory that one thread works in, used again for path after path.
+#[derive(Debug, Default)]
+pub struct Scratch {
+    /// The present light path's vertices that can be connected.
+    pub(super) light_vertices: Vec<LightVertex>,
+    /// Splats of the present pass.
+    pub splats: Vec<Splat>,
+    /// Rays traced, closest-hit and occlusion.
+    pub rays: u64,
+}
