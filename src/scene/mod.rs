@@ -96,6 +96,8 @@ pub struct IntegratorSettings {
     pub name: Option<String>,
     /// Parameters in file order.
     pub parameters: Vec<(String, String)>,
+    /// Where the file names it, for messages.
+    pub location: Option<load::Location>,
 }
 
 /// A scene as its file describes it.

@@ -22,67 +22,82 @@ pub(super) const PLUGINS: &[Plugin<Build>] = &[
     Plugin::new(
         "area",
         "makes the shape around it emit",
-        &[&[Parameter::new("radiance", Kind::Emission, "1", "emitted radiance")]],
+        &[&[Parameter::new("radiance", Kind::Emission, "1", "emitted radiance")], SAMPLING],
         |p, _| Ok(Light::Area { radiance: p.color("radiance")? }),
     ),
     Plugin::new(
         "point",
         "emits the same in all directions from a point",
-        &[&[
-            Parameter::new("intensity", Kind::Emission, "1", "radiant intensity"),
-            Parameter::optional("position", Kind::Vector, "by default the origin"),
-            Parameter::optional("to_world", Kind::Transform, "takes the origin to the position"),
-        ]],
+        &[
+            &[
+                Parameter::new("intensity", Kind::Emission, "1", "radiant intensity"),
+                Parameter::optional("position", Kind::Vector, "by default the origin"),
+                Parameter::optional("to_world", Kind::Transform, "takes the origin to the position"),
+            ],
+            SAMPLING,
+        ],
         point,
     ),
     Plugin::new(
         "constant",
         "the same radiance from everywhere around",
-        &[&[Parameter::new("radiance", Kind::Emission, "1", "radiance of the environment")]],
+        &[&[Parameter::new("radiance", Kind::Emission, "1", "radiance of the environment")], SAMPLING],
         |p, _| Ok(Light::Free(Emitter::Constant { radiance: p.color("radiance")? })),
     ),
     Plugin::new(
         "spot",
         "a point that emits into a cone around +z of its space",
-        &[&[
-            Parameter::new("intensity", Kind::Emission, "1", "radiant intensity within the beam"),
-            Parameter::new(
-                "cutoff_angle",
-                Kind::Float,
-                "20",
-                "degrees from the axis to where there is no light",
-            ),
-            Parameter::optional(
-                "beam_width",
-                Kind::Float,
-                "degrees from the axis to where the light begins to fall off, by default 3/4 of cutoff_angle",
-            ),
-            Parameter::optional("to_world", Kind::Transform, "the light's space to world space"),
-        ]],
+        &[
+            &[
+                Parameter::new("intensity", Kind::Emission, "1", "radiant intensity within the beam"),
+                Parameter::new(
+                    "cutoff_angle",
+                    Kind::Float,
+                    "20",
+                    "degrees from the axis to where there is no light",
+                ),
+                Parameter::optional(
+                    "beam_width",
+                    Kind::Float,
+                    "degrees from the axis to where the light begins to fall off, by default 3/4 of cutoff_angle",
+                ),
+                Parameter::optional("to_world", Kind::Transform, "the light's space to world space"),
+            ],
+            SAMPLING,
+        ],
         spot,
     ),
     Plugin::new(
         "directional",
         "parallel light from infinitely far away, along +z of its space",
-        &[&[
-            Parameter::new("irradiance", Kind::Emission, "1", "on a surface that faces the light"),
-            Parameter::optional("direction", Kind::Vector, "in which the light travels"),
-            Parameter::optional("to_world", Kind::Transform, "turns +z to the direction"),
-        ]],
+        &[
+            &[
+                Parameter::new("irradiance", Kind::Emission, "1", "on a surface that faces the light"),
+                Parameter::optional("direction", Kind::Vector, "in which the light travels"),
+                Parameter::optional("to_world", Kind::Transform, "turns +z to the direction"),
+            ],
+            SAMPLING,
+        ],
         directional,
     ),
     Plugin::new(
         "envmap",
         "radiance by direction from an image of latitude and longitude",
-        &[&[
-            Parameter::required("filename", Kind::String, "beside the scene, or in a <path>"),
-            Parameter::new("scale", Kind::Float, "1", "factor on the image's radiance"),
-            Parameter::optional("to_world", Kind::Transform, "the image's space (+y up) to world space"),
-            Parameter::new("mis_compensation", Kind::Boolean, "false", "without effect"),
-        ]],
+        &[
+            &[
+                Parameter::required("filename", Kind::String, "beside the scene, or in a <path>"),
+                Parameter::new("scale", Kind::Float, "1", "factor on the image's radiance"),
+                Parameter::optional("to_world", Kind::Transform, "the image's space (+y up) to world space"),
+                Parameter::new("mis_compensation", Kind::Boolean, "false", "without effect"),
+            ],
+            SAMPLING,
+        ],
         envmap,
     ),
 ];
+
+/// Chooses among lights for Mitsuba; here power does.
+const SAMPLING: &[Parameter] = &[Parameter::optional("sampling_weight", Kind::Float, "without effect")];
 
 fn point(p: &Properties, _: &mut Log) -> Result<Light, LoadError> {
     p.exclusive("position", "to_world")?;

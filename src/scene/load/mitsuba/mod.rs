@@ -1,17 +1,22 @@
-//! Mitsuba 3 XML scenes.
+//! Mitsuba 3 XML scenes, and those of Mitsuba 2 and 0.4 to 0.6.
 //!
 //! Loading goes in steps: `xml` turns text into a tree of objects with named values, knowing no plugin. Each object
 //! is then built by the entry for its plugin in the table of its category (`shapes`, `bsdfs`, `emitters`,
 //! `sensors`), which reads its parameters through `properties`. Mesh files are collected on the way and loaded
 //! last, in parallel. To add a plugin is to add its entry to a table, and, if it is something new, to the scene.
 //!
+//! Scenes of 0.x are put into the words of Mitsuba 3 by `upgrade` as they are read.
+//!
 //! Values, defaults and geometry follow Mitsuba 3.9. Stricter than there: what would have no effect is an error.
 
 mod bsdfs;
 mod emitters;
+mod integrators;
 mod properties;
 mod sensors;
 mod shapes;
+mod spectra;
+mod upgrade;
 mod values;
 mod xml;
 
@@ -211,6 +216,7 @@ impl<'a> Builder<'a> {
         else {
             return Ok(None);
         };
+        properties.ignore("sampling_weight");
         let light = build(&properties, self.log)?;
         properties.finish()?;
         Ok(Some(light))
@@ -309,14 +315,7 @@ impl<'a> Builder<'a> {
         if self.integrator.is_some() {
             return self.error(object.at, "a second integrator", "at most one");
         }
-        if let Some(child) = object.children.first() {
-            let inner = self.document.object(child.object);
-            let found = format!("{} `{}` in integrator `{}`", inner.category, inner.plugin, object.plugin);
-            let error = self.document.error(child.at, found, "an integrator with values only");
-            self.log.unsupported(error, "it is ignored")?;
-        }
-        let parameters = object.properties.iter().map(|p| (p.name.clone(), p.text.clone())).collect();
-        self.integrator = Some(IntegratorSettings { name: Some(object.plugin.clone()), parameters });
+        self.integrator = Some(integrators::settings(self.document, object, self.log)?);
         Ok(())
     }
 

@@ -225,14 +225,6 @@ impl<'a> Properties<'a> {
                 format!("parameter `{}` of {} as <{}>", property.name, self.title(), property.value.tag());
             return Err(self.document.error(property.at, found, parameter.kind.elements()));
         }
-        if let Value::Color(Color::Wavelengths(_)) = property.value {
-            let found = format!("`{}` by wavelengths is not supported", property.name);
-            let expected = "<rgb>, or <spectrum> with one number";
-            return log.unsupported(
-                self.document.error(property.at, found, expected),
-                "the mean of its values is used",
-            );
-        }
         Ok(())
     }
 
@@ -443,10 +435,14 @@ impl<'a> Properties<'a> {
         let color = match self.value(name) {
             Some(Value::Color(Color::Rgb(c))) => *c,
             // Equal energy at all wavelengths is no RGB white; Mitsuba makes the difference for emitters alone.
-            Some(Value::Color(Color::Flat(x) | Color::Wavelengths(x))) if kind == Kind::Emission => {
-                *x * EQUAL_ENERGY
-            }
-            Some(Value::Color(Color::Flat(x) | Color::Wavelengths(x)) | Value::Float(x)) => DVec3::splat(*x),
+            Some(Value::Color(Color::Flat(x))) if kind == Kind::Emission => *x * EQUAL_ENERGY,
+            // Spectral colours may lie outside of what RGB can mix; they are moved to its border, as in Mitsuba.
+            Some(Value::Color(Color::Wavelengths(c))) => match kind {
+                Kind::Emission => c.emission.max(DVec3::ZERO),
+                Kind::Reflectance => c.reflectance.clamp(DVec3::ZERO, DVec3::ONE),
+                _ => c.reflectance.max(DVec3::ZERO),
+            },
+            Some(Value::Color(Color::Flat(x)) | Value::Float(x)) => DVec3::splat(*x),
             Some(Value::Integer(i)) => DVec3::splat(*i as f64),
             _ => DVec3::splat(self.default_number(name)?),
         };

@@ -4,7 +4,7 @@ use glam::{DAffine3, DVec2, UVec2};
 
 use super::super::{LoadError, Log};
 use super::properties::{Kind, Parameter, Plugin, Properties};
-use super::xml::{Category, one_of};
+use super::xml::Category;
 use crate::scene::{Camera, FilmSettings, Filter, FovAxis, Lens, PixelRect};
 
 pub(super) type SensorBuild = fn(&Properties) -> Result<Camera, LoadError>;
@@ -60,12 +60,17 @@ const CAMERA: &[Parameter] = &[
     Parameter::new("near_clip", Kind::Float, "0.01", "nothing nearer is seen"),
     Parameter::new("far_clip", Kind::Float, "10000", "nothing farther is seen"),
     Parameter::optional("focus_distance", Kind::Float, "what is in focus, by default far_clip; for thinlens"),
+    Parameter::optional("shutter_open", Kind::Float, "without effect: nothing moves"),
+    Parameter::optional("shutter_close", Kind::Float, "without effect: nothing moves"),
     Parameter::object(Category::Film, "by default hdrfilm"),
     Parameter::object(Category::Sampler, "by default independent"),
 ];
 
 fn camera(p: &Properties, lens: Lens) -> Result<Camera, LoadError> {
     let to_world = p.transform("to_world");
+    for shutter in ["shutter_open", "shutter_close"] {
+        p.ignore(shutter);
+    }
     let is_parallel = lens == Lens::Orthographic;
     if is_parallel {
         if to_world.matrix3.determinant() == 0.0 || !to_world.inverse().is_finite() {
@@ -141,8 +146,8 @@ pub(super) const FILMS: &[Plugin<FilmBuild>] = &[Plugin::new(
         Parameter::new("crop_offset_y", Kind::Integer, "0", "first row that is rendered"),
         Parameter::optional("crop_width", Kind::Integer, "columns that are rendered, by default all"),
         Parameter::optional("crop_height", Kind::Integer, "rows that are rendered, by default all"),
-        Parameter::new("file_format", Kind::String, "openexr", "only openexr"),
-        Parameter::new("pixel_format", Kind::String, "rgb", "rgb or rgba; without effect"),
+        Parameter::optional("file_format", Kind::String, "without effect: the output's name decides"),
+        Parameter::optional("pixel_format", Kind::String, "without effect: always rgb"),
         Parameter::new("component_format", Kind::String, "float16", "float16 or float32"),
         Parameter::new("sample_border", Kind::Boolean, "false", "without effect: borders are never darker"),
         Parameter::new("compensate", Kind::Boolean, "false", "without effect: sums are exact"),
@@ -182,9 +187,9 @@ fn film(p: &Properties, log: &mut Log) -> Result<FilmSettings, LoadError> {
             format!("within the film of {size}"),
         ));
     }
-    for (name, supported) in [("file_format", &["openexr"][..]), ("pixel_format", &["rgb", "rgba"])] {
-        if !supported.contains(&p.string(name)?) {
-            log.unsupported(p.bad_value(name, one_of(supported)), &format!("{} is used", supported[0]))?;
+    for (name, usual) in [("file_format", "openexr"), ("pixel_format", "rgb")] {
+        if let Some(other) = p.optional_string(name).filter(|text| !text.eq_ignore_ascii_case(usual)) {
+            log.note(p.locate(name), format!("`{name}` {other} has no effect"));
         }
     }
     let half_float = p.choice("component_format", &[("float16", true), ("float32", false)])?;
