@@ -105,11 +105,11 @@ pub fn render<Q: RayQuery>(
 
 /// Memory for each thread that works on a pass, kept from pass to pass.
 #[derive(Default)]
-struct Pool(Mutex<Vec<Scratch>>);
+struct Pool<'w>(Mutex<Vec<Scratch<'w>>>);
 
-impl Pool {
+impl<'w> Pool<'w> {
     /// Lends memory to a task.
-    fn lend<R>(&self, task: impl FnOnce(&mut Scratch) -> R) -> R {
+    fn lend<R>(&self, task: impl FnOnce(&mut Scratch<'w>) -> R) -> R {
         // A task that panicked ends the render anyway.
         let lock = || self.0.lock().unwrap_or_else(PoisonError::into_inner);
         let mut scratch = lock().pop().unwrap_or_default();
@@ -139,11 +139,11 @@ impl Pool {
     }
 }
 
-fn sample_pixels<Q: RayQuery>(
-    pass: &Pass<Q>,
+fn sample_pixels<'w, Q: RayQuery>(
+    pass: &Pass<'w, '_, Q>,
     integrator: Integrator,
     samples: &mut PassSamples,
-    pool: &Pool,
+    pool: &Pool<'w>,
 ) {
     samples.par_bands_mut().for_each(|mut band| {
         pool.lend(|scratch| {
@@ -160,7 +160,7 @@ fn sample_pixels<Q: RayQuery>(
 /// Light paths that one task traces: enough to make the pool's lock cheap.
 const LIGHT_PATHS_PER_TASK: u64 = 256;
 
-fn trace_light_paths<Q: RayQuery>(pass: &Pass<Q>, integrator: Integrator, pool: &Pool) {
+fn trace_light_paths<'w, Q: RayQuery>(pass: &Pass<'w, '_, Q>, integrator: Integrator, pool: &Pool<'w>) {
     let count = pass.light_paths();
     (0..count.div_ceil(LIGHT_PATHS_PER_TASK)).into_par_iter().for_each(|task| {
         pool.lend(|scratch| {
@@ -174,11 +174,11 @@ fn trace_light_paths<Q: RayQuery>(pass: &Pass<Q>, integrator: Integrator, pool: 
 
 /// The sample of one pixel in one pass: a function of its arguments alone. Splats that come with it go to `scratch`, which also counts the rays.
 #[inline]
-pub fn sample_pixel<Q: RayQuery, O: PathObserver>(
-    pass: &Pass<Q>,
+pub fn sample_pixel<'w, Q: RayQuery, O: PathObserver>(
+    pass: &Pass<'w, '_, Q>,
     integrator: Integrator,
     pixel: IVec2,
-    scratch: &mut Scratch,
+    scratch: &mut Scratch<'w>,
     observer: &mut O,
 ) -> Sample {
     let Pass { world, query, .. } = *pass;
@@ -194,7 +194,8 @@ pub fn sample_pixel<Q: RayQuery, O: PathObserver>(
         }
         Integrator::Forward(_) => {
             scratch.rays += 1;
-            let hit = query.intersect(&ray).map(|hit| (SurfaceVertex::new(world.scene, &hit, &ray), hit.t));
+            let hit =
+                query.intersect(&ray).map(|hit| (SurfaceVertex::new(&world.materials, &hit, &ray), hit.t));
             let hit = hit.as_ref().map(|(vertex, t)| (vertex, *t));
             observer.segment(TransportMode::Radiance, 1, &ray, hit, Rgb::ONE);
             Rgb::ZERO
@@ -208,11 +209,11 @@ pub fn sample_pixel<Q: RayQuery, O: PathObserver>(
 
 /// One light path of a pass: a function of its arguments alone. Its splats go to `scratch`. Integrators without light paths do nothing.
 #[inline]
-pub fn trace_light_path<Q: RayQuery, O: PathObserver>(
-    pass: &Pass<Q>,
+pub fn trace_light_path<'w, Q: RayQuery, O: PathObserver>(
+    pass: &Pass<'w, '_, Q>,
     integrator: Integrator,
     slot: u64,
-    scratch: &mut Scratch,
+    scratch: &mut Scratch<'w>,
     observer: &mut O,
 ) {
     match integrator {

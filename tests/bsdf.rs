@@ -2,11 +2,12 @@
 
 use glam::{DVec3, Vec2, Vec3};
 use helmholtz::sampling::warp::square_to_sphere;
-use helmholtz::scene::{Material, MaterialId, Microfacet, Rgb, SurfacePoint};
+use helmholtz::scene::{Input, Material, MaterialId, Microfacet, Rgb, Scene, SurfacePoint};
 use helmholtz::transport::bsdf::microfacet::Microfacets;
-use helmholtz::transport::bsdf::{self, BsdfSample, Frame, TransportMode, fresnel};
+use helmholtz::transport::bsdf::{self, BsdfSample, Frame, Materials, TransportMode, fresnel};
 use std::f32::consts::FRAC_1_PI;
 
+use super::scene_builder;
 use super::statistics::{
     FALSE_ALARM_RATE, Family, Moments, Random, SphereChart, chi_squared_on_sphere, z_test,
 };
@@ -30,17 +31,20 @@ fn point() -> SurfacePoint {
 /// A material prepared for both sides, each of which answers for directions `wo` on it.
 #[derive(Debug, Clone, Copy)]
 struct Bsdf {
-    above: bsdf::Bsdf,
-    below: bsdf::Bsdf,
+    above: bsdf::Bsdf<'static>,
+    below: bsdf::Bsdf<'static>,
 }
 
 impl Bsdf {
     fn new(materials: &[Material], id: MaterialId) -> Self {
+        // BSDFs refer to their scene; these are kept until the tests end.
+        let scene = Scene { materials: materials.to_vec(), ..scene_builder::empty() };
+        let materials = Box::leak(Box::new(Materials::new(Box::leak(Box::new(scene)))));
         let side = |is_above| bsdf::Bsdf::new(materials, id, &point(), is_above);
         Self { above: side(true), below: side(false) }
     }
 
-    fn of(&self, wo: Vec3) -> &bsdf::Bsdf {
+    fn of(&self, wo: Vec3) -> &bsdf::Bsdf<'static> {
         if wo.z >= 0.0 { &self.above } else { &self.below }
     }
 
@@ -92,32 +96,39 @@ fn a_boundary_answers_from_both_sides() {
 }
 
 fn diffuse(r: f32, g: f32, b: f32) -> Material {
-    Material::Diffuse { reflectance: Rgb::new(r, g, b) }
+    Material::Diffuse { reflectance: Rgb::new(r, g, b).into() }
 }
 
 /// Reflects everything: an index of 0 + 1i is what Mitsuba calls the material "none".
 fn white_metal(distribution: Microfacet, alpha: [f32; 2]) -> Material {
     Material::RoughConductor {
         distribution,
-        alpha,
-        eta: Rgb::ZERO,
-        k: Rgb::ONE,
-        specular_reflectance: Rgb::ONE,
+        alpha: alpha.map(Input::Constant),
+        eta: Rgb::ZERO.into(),
+        k: Rgb::ONE.into(),
+        specular_reflectance: Rgb::ONE.into(),
     }
 }
 
 fn gold(distribution: Microfacet, alpha: [f32; 2], specular_reflectance: Rgb) -> Material {
     let (eta, k) = (Rgb::new(0.143, 0.375, 1.442), Rgb::new(3.983, 2.386, 1.603));
-    Material::RoughConductor { distribution, alpha, eta, k, specular_reflectance }
+    Material::RoughConductor {
+        distribution,
+        alpha: alpha.map(Input::Constant),
+        eta: eta.into(),
+        k: k.into(),
+        specular_reflectance: specular_reflectance.into(),
+    }
 }
 
 fn rough_glass(distribution: Microfacet, alpha: [f32; 2], eta: f32) -> Material {
-    let (specular_reflectance, specular_transmittance) = (Rgb::ONE, Rgb::ONE);
+    let (specular_reflectance, specular_transmittance) = (Rgb::ONE.into(), Rgb::ONE.into());
+    let alpha = alpha.map(Input::Constant);
     Material::RoughDielectric { distribution, alpha, eta, specular_reflectance, specular_transmittance }
 }
 
 fn smooth_glass(eta: f32) -> Bsdf {
-    let (specular_reflectance, specular_transmittance) = (Rgb::ONE, Rgb::ONE);
+    let (specular_reflectance, specular_transmittance) = (Rgb::ONE.into(), Rgb::ONE.into());
     prepare(&[Material::Dielectric { eta, specular_reflectance, specular_transmittance }])
 }
 
@@ -294,8 +305,11 @@ fn white_metal_loses_little_when_smooth_and_most_when_rough() {
 
 #[test]
 fn mirrors_and_smooth_boundaries_keep_all_energy() {
-    let mirror =
-        prepare(&[Material::Conductor { eta: Rgb::ZERO, k: Rgb::ONE, specular_reflectance: Rgb::ONE }]);
+    let mirror = prepare(&[Material::Conductor {
+        eta: Rgb::ZERO.into(),
+        k: Rgb::ONE.into(),
+        specular_reflectance: Rgb::ONE.into(),
+    }]);
     for wo in views() {
         let s = mirror.sample(wo, [0.5; 3], Radiance).expect("a mirror reflects");
         assert_eq!((s.weight, s.wi, s.pdf, s.eta), (Rgb::ONE, Vec3::new(-wo.x, -wo.y, wo.z), 1.0, 1.0));
@@ -420,9 +434,16 @@ fn two_sided_shows_the_front_of_each_material_and_one_sided_is_black_behind() {
 
 /// The materials of `data/mitsuba_bsdf.py`.
 fn mitsuba_material(name: &str) -> Bsdf {
-    let glass = |distribution, alpha, eta, specular_reflectance, specular_transmittance| {
-        Material::RoughDielectric { distribution, alpha, eta, specular_reflectance, specular_transmittance }
-    };
+    let glass =
+        |distribution, alpha: [f32; 2], eta, specular_reflectance: Rgb, specular_transmittance: Rgb| {
+            Material::RoughDielectric {
+                distribution,
+                alpha: alpha.map(Input::Constant),
+                eta,
+                specular_reflectance: specular_reflectance.into(),
+                specular_transmittance: specular_transmittance.into(),
+            }
+        };
     let (tint, other_tint) = (Rgb::new(0.9, 0.8, 0.7), Rgb::new(0.3, 0.6, 0.9));
     prepare(&[match name {
         "diffuse" => diffuse(0.2, 0.5, 0.8),

@@ -5,7 +5,8 @@ use std::path::{Path, PathBuf};
 use glam::{DVec3, Vec2, Vec3};
 use helmholtz::scene::load::{LoadOptions, Loaded, Severity, load, mitsuba};
 use helmholtz::scene::{
-    AnalyticKind, Emitter, Filter, FovAxis, Geometry, Lens, Material, Microfacet, Scene, Shape, TriangleMesh,
+    AnalyticKind, Emitter, Filter, FovAxis, Geometry, Input, Lens, Material, Microfacet, Scene, Shape,
+    TriangleMesh,
 };
 
 /// A folder for the files of one test, with its path in messages shortened.
@@ -142,7 +143,7 @@ fn an_empty_scene_has_mitsubas_defaults() {
     assert_eq!(camera.fov_axis, FovAxis::Diagonal);
     let across_width = 2.0 * ((camera.fov.to_radians() / 2.0).tan() * 0.8).atan();
     assert!((across_width.to_degrees() - 38.1848).abs() < 1e-3, "{}", across_width.to_degrees());
-    assert_eq!(material(""), Material::Diffuse { reflectance: Vec3::splat(0.5) });
+    assert_eq!(material(""), Material::Diffuse { reflectance: Vec3::splat(0.5).into() });
 }
 
 #[test]
@@ -173,7 +174,7 @@ fn sensors_films_and_samplers_are_read() {
 
 #[test]
 fn bsdfs_have_mitsubas_parameters_and_defaults() {
-    let (zero, one) = (Vec3::ZERO, Vec3::ONE);
+    let (zero, one) = (Input::Constant(Vec3::ZERO), Input::Constant(Vec3::ONE));
     let specular_reflectance = one;
     assert_eq!(
         material("<bsdf type='conductor'/>"),
@@ -187,9 +188,9 @@ fn bsdfs_have_mitsubas_parameters_and_defaults() {
         ),
         Material::RoughConductor {
             distribution: Microfacet::Ggx,
-            alpha: [0.2, 0.3],
-            eta: Vec3::new(2.5, 2.0, 1.5),
-            k: Vec3::new(3.0, 2.0, 1.0),
+            alpha: [0.2.into(), 0.3.into()],
+            eta: Vec3::new(2.5, 2.0, 1.5).into(),
+            k: Vec3::new(3.0, 2.0, 1.0).into(),
             specular_reflectance
         }
     );
@@ -197,7 +198,7 @@ fn bsdfs_have_mitsubas_parameters_and_defaults() {
         material("<bsdf type='roughdielectric'/>"),
         Material::RoughDielectric {
             distribution: Microfacet::Beckmann,
-            alpha: [0.1, 0.1],
+            alpha: [0.1.into(); 2],
             eta: (1.5046 / 1.000_277_f64) as f32,
             specular_reflectance,
             specular_transmittance: one
@@ -214,7 +215,10 @@ fn bsdfs_have_mitsubas_parameters_and_defaults() {
     let Material::TwoSided { front, back } = scene.materials[scene.shapes[0].material.0 as usize] else {
         panic!()
     };
-    let Material::Diffuse { reflectance } = scene.materials[front.0 as usize] else { panic!() };
+    let Material::Diffuse { reflectance: Input::Constant(reflectance) } = scene.materials[front.0 as usize]
+    else {
+        panic!()
+    };
     // 128/255 through the inverse of the sRGB curve.
     assert!(near(reflectance, [1.0, 0.215_860_5, 0.0]), "{reflectance}");
     assert!(matches!(scene.materials[back.0 as usize], Material::Conductor { .. }));
@@ -233,7 +237,7 @@ fn a_flat_spectrum_is_equal_energy_white_in_emitters_only() {
     let flat = radiance("<spectrum name='radiance' value='5'/>");
     assert!(near(flat, [6.023_97, 4.741_455, 4.544_58]), "{flat}");
     let grey = material("<bsdf type='diffuse'><spectrum name='reflectance' value='0.25'/></bsdf>");
-    assert_eq!(grey, Material::Diffuse { reflectance: Vec3::splat(0.25) });
+    assert_eq!(grey, Material::Diffuse { reflectance: Vec3::splat(0.25).into() });
 }
 
 #[test]
@@ -375,7 +379,7 @@ fn parameters_aliases_includes_and_paths_resolve() {
         let scene = loaded.scene;
         assert_eq!(
             scene.materials[scene.shapes[0].material.0 as usize],
-            Material::Diffuse { reflectance: Vec3::ZERO }
+            Material::Diffuse { reflectance: Vec3::ZERO.into() }
         );
         let Geometry::Analytic(sphere) = &scene.shapes[1].geometry else { panic!() };
         assert_eq!(sphere.to_world().x_axis.x, radius);
@@ -479,14 +483,14 @@ fn mtl_materials_are_translated() {
         }
         other => other.clone(),
     };
-    assert_eq!(of(0), Material::Diffuse { reflectance: Vec3::X });
-    assert_eq!(of(1), Material::Diffuse { reflectance: Vec3::ZERO });
+    assert_eq!(of(0), Material::Diffuse { reflectance: Vec3::X.into() });
+    assert_eq!(of(1), Material::Diffuse { reflectance: Vec3::ZERO.into() });
     assert_eq!(shapes.iter().filter_map(|s| s.emission).collect::<Vec<_>>(), [Vec3::new(5.0, 5.0, 4.0)]);
     assert!(matches!(of(2), Material::Dielectric { eta: 1.5, .. }));
     // sqrt(2 / 200).
-    assert!(matches!(of(3), Material::RoughConductor { alpha: [0.1, 0.1], .. }));
+    assert!(matches!(of(3), Material::RoughConductor { alpha: [Input::Constant(0.1), _], .. }));
     assert!(matches!(of(4), Material::Conductor { .. }));
-    let grey = Material::Diffuse { reflectance: Vec3::splat(0.5) };
+    let grey = Material::Diffuse { reflectance: Vec3::splat(0.5).into() };
     assert_eq!((of(5), of(6)), (grey.clone(), grey));
     // The lamp lights the scene.
     assert!(scene.emitters.is_empty());
@@ -642,7 +646,7 @@ fn lenience_replaces_what_is_not_supported_and_says_so() {
         .replace("<ref id='nowhere' name='x'/>", "");
     let Loaded { scene, warnings, .. } = xml_with(&body, &lenient()).unwrap();
     assert_eq!(scene.shapes.len(), 1);
-    assert_eq!(scene.materials.last(), Some(&Material::Diffuse { reflectance: Vec3::splat(0.2) }));
+    assert_eq!(scene.materials.last(), Some(&Material::Diffuse { reflectance: Vec3::splat(0.2).into() }));
     let replaced = warnings.iter().filter(|w| w.severity == Severity::Replaced).count();
     let messages: Vec<_> = warnings.iter().map(|w| w.message.as_str()).collect();
     insta::assert_snapshot!(messages.join("\n"), @r"

@@ -57,7 +57,7 @@ impl Build for Scene {
 }
 
 pub(crate) fn diffuse(albedo: f32) -> Material {
-    Material::Diffuse { reflectance: Rgb::splat(albedo) }
+    Material::Diffuse { reflectance: Rgb::splat(albedo).into() }
 }
 
 pub(crate) fn sphere(center: Vec3, radius: f32) -> Geometry {

@@ -104,14 +104,14 @@ impl Backward {
 
     /// The surface that the walk meets next. Camera rays pass through hidden lights.
     #[inline]
-    fn next_vertex<Q: RayQuery, O: PathObserver>(
+    fn next_vertex<'w, Q: RayQuery, O: PathObserver>(
         &self,
-        world: &World,
+        world: &'w World,
         query: &Q,
         walk: &mut Walk,
         depth: u32,
         observer: &mut O,
-    ) -> Option<SurfaceVertex> {
+    ) -> Option<SurfaceVertex<'w>> {
         let hit = loop {
             let hit = query.intersect(&walk.ray);
             match hit {
@@ -129,7 +129,7 @@ impl Backward {
             observer.segment(walk.mode, depth, &walk.ray, None, walk.beta);
             return None;
         };
-        let vertex = SurfaceVertex::new(world.scene, &hit, &walk.ray);
+        let vertex = SurfaceVertex::new(&world.materials, &hit, &walk.ray);
         observer.segment(walk.mode, depth, &walk.ray, Some((&vertex, hit.t)), walk.beta);
         Some(vertex)
     }

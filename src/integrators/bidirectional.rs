@@ -45,7 +45,7 @@ const SETS_PER_VERTEX: u32 = 2;
 
 /// The present end of an eye subpath.
 struct EyeVertex<'a> {
-    vertex: &'a SurfaceVertex,
+    vertex: &'a SurfaceVertex<'a>,
     beta: Rgb,
     partials: Partials,
     /// Segments up to here; the vertex is the path's `t = depth + 1`.
@@ -86,11 +86,11 @@ impl Bidirectional {
     }
 
     /// Traces the light path of a slot; its splats and vertices go to `scratch`.
-    pub fn trace_light_path<Q: RayQuery, O: PathObserver>(
+    pub fn trace_light_path<'w, Q: RayQuery, O: PathObserver>(
         &self,
-        pass: &Pass<Q>,
+        pass: &Pass<'w, '_, Q>,
         slot: u64,
-        scratch: &mut Scratch,
+        scratch: &mut Scratch<'w>,
         observer: &mut O,
     ) {
         let paths = LightPaths {
@@ -104,13 +104,13 @@ impl Bidirectional {
     }
 
     /// Radiance that arrives along `camera_ray`, a ray of `pixel`, but for what arrives as splats: those go to `scratch`.
-    pub fn sample<Q: RayQuery, O: PathObserver>(
+    pub fn sample<'w, Q: RayQuery, O: PathObserver>(
         &self,
-        pass: &Pass<Q>,
+        pass: &Pass<'w, '_, Q>,
         pixel: IVec2,
         camera_ray: Ray,
         sampler: &Sampler,
-        scratch: &mut Scratch,
+        scratch: &mut Scratch<'w>,
         observer: &mut O,
     ) -> Rgb {
         self.trace_light_path(pass, pass.slot(pixel), scratch, observer);
@@ -119,15 +119,15 @@ impl Bidirectional {
 }
 
 /// The eye subpath of a sample and what it has gathered.
-struct EyePath<'a, 's, Q, O> {
+struct EyePath<'a, 'w, 's, Q, O> {
     settings: &'a Bidirectional,
-    pass: &'a Pass<'a, 's, Q>,
-    scratch: &'a mut Scratch,
+    pass: &'a Pass<'w, 's, Q>,
+    scratch: &'a mut Scratch<'w>,
     observer: &'a mut O,
     radiance: Rgb,
 }
 
-impl<Q: RayQuery, O: PathObserver> EyePath<'_, '_, Q, O> {
+impl<Q: RayQuery, O: PathObserver> EyePath<'_, '_, '_, Q, O> {
     fn walk(mut self, camera_ray: Ray, sampler: &Sampler) -> Rgb {
         let h = self.settings.heuristic;
         let max_depth = self.settings.length.limit();
@@ -141,7 +141,7 @@ impl<Q: RayQuery, O: PathObserver> EyePath<'_, '_, Q, O> {
                 self.hit_environment(&walk, flight, depth);
                 break;
             };
-            let vertex = SurfaceVertex::new(self.pass.world.scene, &hit, &walk.ray);
+            let vertex = SurfaceVertex::new(&self.pass.world.materials, &hit, &walk.ray);
             self.observer.segment(walk.mode, depth, &walk.ray, Some((&vertex, hit.t)), walk.beta);
             let cos_in = vertex.cos(vertex.wo);
             // Parallel camera rays do not spread.

@@ -22,8 +22,8 @@ use crate::transport::walk::Walk;
 
 /// A vertex of a light path that eye subpaths can be connected to.
 #[derive(Debug, Clone, Copy)]
-pub(super) struct LightVertex {
-    pub(super) vertex: SurfaceVertex,
+pub(super) struct LightVertex<'w> {
+    pub(super) vertex: SurfaceVertex<'w>,
     /// Power that arrives over the density of the path.
     pub(super) beta: Rgb,
     pub(super) partials: Partials,
@@ -53,24 +53,24 @@ const LENS_SET: u32 = 1;
 const SETS_PER_VERTEX: u32 = 2;
 
 /// What is the same all along a light path.
-struct Tracer<'a, 's, Q, O> {
+struct Tracer<'a, 'w, 's, Q, O> {
     paths: LightPaths,
-    pass: &'a Pass<'a, 's, Q>,
+    pass: &'a Pass<'w, 's, Q>,
     start: LeSample,
     /// Over the number of light paths.
     power: Rgb,
     light_paths: f64,
-    scratch: &'a mut Scratch,
+    scratch: &'a mut Scratch<'w>,
     observer: &'a mut O,
 }
 
 impl LightPaths {
     /// Traces the light path of a slot. Its splats and, if there are eye paths, its vertices go to `scratch`.
-    pub(super) fn trace<Q: RayQuery, O: PathObserver>(
+    pub(super) fn trace<'w, Q: RayQuery, O: PathObserver>(
         self,
-        pass: &Pass<Q>,
+        pass: &Pass<'w, '_, Q>,
         slot: u64,
-        scratch: &mut Scratch,
+        scratch: &mut Scratch<'w>,
         observer: &mut O,
     ) {
         scratch.light_vertices.clear();
@@ -93,7 +93,7 @@ impl LightPaths {
     }
 }
 
-impl<Q: RayQuery, O: PathObserver> Tracer<'_, '_, Q, O> {
+impl<Q: RayQuery, O: PathObserver> Tracer<'_, '_, '_, Q, O> {
     /// The walk through the scene. `depth` segments lead to the vertex, which is the path's vertex `s = depth + 1`.
     fn walk(&mut self, sampler: &Sampler) {
         let h = self.paths.heuristic;
@@ -113,7 +113,7 @@ impl<Q: RayQuery, O: PathObserver> Tracer<'_, '_, Q, O> {
                 self.observer.segment(walk.mode, depth, &walk.ray, None, walk.beta);
                 break;
             };
-            let vertex = SurfaceVertex::new(self.pass.world.scene, &hit, &walk.ray);
+            let vertex = SurfaceVertex::new(&self.pass.world.materials, &hit, &walk.ray);
             self.observer.segment(walk.mode, depth, &walk.ray, Some((&vertex, hit.t)), walk.beta);
             if depth == max_depth {
                 break;

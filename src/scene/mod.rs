@@ -19,7 +19,7 @@ pub use analytic::{AnalyticKind, AnalyticShape};
 pub use camera::{Camera, FovAxis, Lens};
 pub use emitter::{Emitter, EnvironmentMap, Spot};
 pub use image::{Image, Texels};
-pub use material::{Material, MaterialId, Microfacet};
+pub use material::{Material, MaterialId, Microfacet, Perturbation, Principled};
 pub use mesh::{MeshError, TriangleMesh};
 pub use shape::{Aabb, Geometry, Shape};
 pub use surface::SurfacePoint;

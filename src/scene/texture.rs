@@ -48,7 +48,7 @@ impl Input<f32> {
     pub fn at(self, textures: &[Texture], uv: Vec2) -> f32 {
         match self {
             Self::Constant(value) => value,
-            Self::Texture(id) => luminance(color(textures, id, uv)),
+            Self::Texture(id) => number(textures, id, uv),
         }
     }
 }
@@ -120,27 +120,48 @@ pub fn color(textures: &[Texture], id: TextureId, uv: Vec2) -> Rgb {
     let Some((texture, before)) = textures.get(..=id.0 as usize).and_then(<[Texture]>::split_last) else {
         return Rgb::ZERO;
     };
-    match texture {
-        Texture::Bitmap(bitmap) => bitmap.color(uv),
-        Texture::Checkerboard { color0, color1, to_uv } => {
-            let q = to_uv.transform_point2(uv);
-            let right = (q - q.floor()).cmpgt(Vec2::splat(0.5));
-            if right.x == right.y { color0 } else { color1 }.at(before, uv)
+    texture.color(before, uv)
+}
+
+impl Texture {
+    /// The colour at `uv`; `before` are the textures that this one may be made of.
+    #[inline]
+    fn color(&self, before: &[Self], uv: Vec2) -> Rgb {
+        match self {
+            Self::Bitmap(bitmap) => bitmap.color(uv),
+            Self::Checkerboard { color0, color1, to_uv } => {
+                let q = to_uv.transform_point2(uv);
+                let right = (q - q.floor()).cmpgt(Vec2::splat(0.5));
+                if right.x == right.y { color0 } else { color1 }.at(before, uv)
+            }
+            Self::Scale { texture, factor } => color(before, *texture, uv) * *factor,
         }
-        Texture::Scale { texture, factor } => color(before, *texture, uv) * *factor,
     }
 }
 
-/// The number that a texture gives at `uv` and its slope along u and v: exact for bitmaps within a texel, where `Nearest`
-/// is treated as bilinear, as a bump map needs; 0 for steps such as those of a checkerboard.
+/// The number of a texture at `uv`: the luminance of its colour. But of a checkerboard the squares change places, as they do in
+/// Mitsuba 3.9 where a number is asked for.
+#[inline]
+pub fn number(textures: &[Texture], id: TextureId, uv: Vec2) -> f32 {
+    match textures.get(id.0 as usize) {
+        Some(&Texture::Checkerboard { color0, color1, to_uv }) => {
+            let swapped = Texture::Checkerboard { color0: color1, color1: color0, to_uv };
+            luminance(swapped.color(&textures[..id.0 as usize], uv))
+        }
+        _ => luminance(color(textures, id, uv)),
+    }
+}
+
+/// The slope along u and v of the number that a texture gives at `uv`. 0 where steps have none: in checkerboards, and in bitmaps
+/// without interpolation.
 #[inline]
 pub fn slope(textures: &[Texture], id: TextureId, uv: Vec2) -> Vec2 {
     let Some((texture, before)) = textures.get(..=id.0 as usize).and_then(<[Texture]>::split_last) else {
         return Vec2::ZERO;
     };
     match texture {
-        Texture::Bitmap(bitmap) => bitmap.slope(uv),
-        Texture::Checkerboard { .. } => Vec2::ZERO,
+        Texture::Bitmap(bitmap) if bitmap.filter == TexelFilter::Bilinear => bitmap.slope(uv),
+        Texture::Bitmap(_) | Texture::Checkerboard { .. } => Vec2::ZERO,
         // Only grey factors commute with the luminance; loaders give bump maps no others.
         Texture::Scale { texture, factor } => slope(before, *texture, uv) * luminance(*factor),
     }

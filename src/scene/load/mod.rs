@@ -23,7 +23,7 @@ use std::path::{Path, PathBuf};
 use glam::{DAffine3, DMat3, DVec2, DVec3, UVec2, Vec3};
 
 use super::{
-    Aabb, Camera, Emitter, FilmSettings, Filter, FovAxis, Image, IntegratorSettings, Lens, Material,
+    Aabb, Camera, Emitter, FilmSettings, Filter, FovAxis, Image, Input, IntegratorSettings, Lens, Material,
     MaterialId, PixelRect, Rgb, Scene, Shape, Texture,
 };
 
@@ -239,7 +239,7 @@ fn push(materials: &mut Vec<Material>, material: Material) -> MaterialId {
 }
 
 /// Of lamps that name no material.
-const BLACK: Material = Material::Diffuse { reflectance: Vec3::ZERO };
+const BLACK: Material = Material::Diffuse { reflectance: Input::Constant(Vec3::ZERO) };
 
 /// Mitsuba's default material.
-const GREY: Material = Material::Diffuse { reflectance: Vec3::splat(0.5) };
+const GREY: Material = Material::Diffuse { reflectance: Input::Constant(Vec3::splat(0.5)) };

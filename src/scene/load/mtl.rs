@@ -91,8 +91,11 @@ pub(super) fn translate(
     let opacity = material.dissolve.unwrap_or(1.0 - transparency.unwrap_or(0.0));
     let ior = material.optical_density.filter(|&n| n > 0.0 && n != 1.0);
     if let (true, Some(eta)) = (opacity < 1.0, ior) {
-        let glass =
-            Material::Dielectric { eta, specular_reflectance: Rgb::ONE, specular_transmittance: Rgb::ONE };
+        let glass = Material::Dielectric {
+            eta,
+            specular_reflectance: Rgb::ONE.into(),
+            specular_transmittance: Rgb::ONE.into(),
+        };
         return (push(materials, glass), emission);
     }
     if opacity < 1.0 {
@@ -101,7 +104,7 @@ pub(super) fn translate(
     let reflector = if specular != Vec3::ZERO && diffuse.is_none_or(|d| d == Vec3::ZERO) {
         metal(material, specular)
     } else {
-        Material::Diffuse { reflectance: diffuse.unwrap_or(Vec3::splat(0.5)) }
+        Material::Diffuse { reflectance: diffuse.unwrap_or(Vec3::splat(0.5)).into() }
     };
     (push_two_sided(materials, reflector), emission)
 }
@@ -109,7 +112,8 @@ pub(super) fn translate(
 /// A metal that reflects `specular` at every angle.
 fn metal(material: &tobj::Material, specular_reflectance: Rgb) -> Material {
     // A perfect mirror, as Mitsuba's conductor `none`.
-    let (eta, k) = (Rgb::ZERO, Rgb::ONE);
+    let (eta, k) = (Rgb::ZERO.into(), Rgb::ONE.into());
+    let specular_reflectance = specular_reflectance.into();
     let exponent = material.shininess.unwrap_or(0.0).max(0.0);
     if exponent >= 1000.0 || matches!(material.illumination_model, Some(3 | 5)) {
         return Material::Conductor { eta, k, specular_reflectance };
@@ -117,7 +121,7 @@ fn metal(material: &tobj::Material, specular_reflectance: Rgb) -> Material {
     let alpha = (2.0 / (exponent + 2.0)).sqrt();
     Material::RoughConductor {
         distribution: Microfacet::Ggx,
-        alpha: [alpha; 2],
+        alpha: [alpha.into(); 2],
         eta,
         k,
         specular_reflectance,

@@ -10,12 +10,14 @@
 //! Values, defaults and geometry follow Mitsuba 3.9. Stricter than there: what would have no effect is an error.
 
 mod bsdfs;
+mod conductors;
 mod emitters;
 mod integrators;
 mod properties;
 mod sensors;
 mod shapes;
 mod spectra;
+mod textures;
 mod upgrade;
 mod values;
 mod xml;
@@ -28,9 +30,11 @@ use std::path::Path;
 
 use rayon::prelude::*;
 
+use super::image::Images;
 use super::{DEFAULT_SAMPLE_COUNT, LoadError, Location, Log, bounds_of, default_film, framing_camera, push};
 use crate::scene::{
     Camera, Emitter, FilmSettings, Filter, IntegratorSettings, Material, MaterialId, Rgb, Scene, Shape,
+    Texture, TextureId,
 };
 use emitters::Light;
 use properties::{Plugin, Properties, find};
@@ -44,6 +48,7 @@ pub fn supported() -> Vec<(Category, Description)> {
     }
     all(Category::Shape, shapes::PLUGINS)
         .chain(all(Category::Bsdf, bsdfs::PLUGINS))
+        .chain(all(Category::Texture, textures::PLUGINS))
         .chain(all(Category::Emitter, emitters::PLUGINS))
         .chain(all(Category::Sensor, sensors::SENSORS))
         .chain(all(Category::Film, sensors::FILMS))
@@ -55,9 +60,14 @@ pub fn supported() -> Vec<(Category, Description)> {
 /// Loads a scene file. `defines` are values of `$name` parameters.
 pub(super) fn load(path: &Path, defines: &[(String, String)], log: &mut Log) -> Result<Scene, LoadError> {
     let document = Document::read(path, defines, log)?;
+    let mut images = Images::default();
+    images.prefetch(textures::files(&document), log);
     let mut builder = Builder {
         document: &document,
         log,
+        images,
+        textures: Vec::new(),
+        texture_ids: HashMap::new(),
         materials: Vec::new(),
         material_ids: HashMap::new(),
         default_materials: Vec::new(),
@@ -94,6 +104,10 @@ struct Sensor {
 struct Builder<'a> {
     document: &'a Document,
     log: &'a mut Log,
+    images: Images,
+    textures: Vec<Texture>,
+    /// `None` while a texture is being built.
+    texture_ids: HashMap<ObjectId, Option<TextureId>>,
     materials: Vec<Material>,
     /// `None` while a BSDF is being built, which is how circles are noticed.
     material_ids: HashMap<ObjectId, Option<MaterialId>>,
@@ -350,7 +364,7 @@ impl<'a> Builder<'a> {
         Ok(Scene {
             shapes,
             materials: self.materials,
-            textures: Vec::new(),
+            textures: self.textures,
             emitters: self.emitters,
             camera: sensor.camera,
             film: sensor.film,

@@ -181,6 +181,11 @@ impl Document {
         &self.objects[id.0]
     }
 
+    /// All objects, in the order in which they begin.
+    pub(super) fn objects(&self) -> impl Iterator<Item = &Object> {
+        self.objects.iter()
+    }
+
     /// File, line and column.
     pub(super) fn locate(&self, at: Span) -> Location {
         locate(&self.sources, at)
