@@ -20,7 +20,7 @@ pub use camera::{Camera, FovAxis, Lens};
 pub use emitter::{Emitter, EnvironmentMap, Spot};
 pub use image::{Image, Texels};
 pub use material::{Material, MaterialId, Microfacet, Perturbation, Principled};
-pub use mesh::{MeshError, TriangleMesh};
+pub use mesh::{MeshAttribute, MeshError, TriangleMesh};
 pub use shape::{Aabb, Geometry, Shape};
 pub use surface::SurfacePoint;
 pub use texture::{Bitmap, Input, TexelFilter, Texture, TextureId, Wrap};

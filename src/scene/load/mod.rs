@@ -14,6 +14,8 @@ pub mod mitsuba;
 mod mtl;
 mod obj;
 mod ply;
+mod polygon;
+mod serialized;
 
 pub use error::{LoadError, Location, Position, Severity, Warning};
 
@@ -126,6 +128,20 @@ impl Log {
         if !self.files.iter().any(|f| f == file) {
             self.files.push(file.to_path_buf());
         }
+    }
+
+    /// A file that another one names at `from`, opened to be read in part; and its length.
+    fn open(&mut self, path: &Path, from: &Location) -> Result<(fs::File, u64), LoadError> {
+        let refuse = |why: String| {
+            LoadError::new(from.clone(), format!("file {}: {why}", path.display()), "a readable file")
+        };
+        let metadata = fs::metadata(path).map_err(|e| refuse(format!("cannot be opened ({e})")))?;
+        if !metadata.is_file() {
+            return Err(refuse("is not a regular file".to_owned()));
+        }
+        let file = fs::File::open(path).map_err(|e| refuse(format!("cannot be opened ({e})")))?;
+        self.record(path);
+        Ok((file, metadata.len()))
     }
 
     /// The bytes of a file. `from` is where the file was named, if in another file.

@@ -12,6 +12,7 @@
 mod bsdfs;
 mod conductors;
 mod emitters;
+mod instances;
 mod integrators;
 mod properties;
 mod sensors;
@@ -37,6 +38,7 @@ use crate::scene::{
     Texture, TextureId,
 };
 use emitters::Light;
+use instances::Instance;
 use properties::{Plugin, Properties, find};
 use shapes::Surface;
 use xml::{Document, Object, ObjectId, Span};
@@ -47,6 +49,7 @@ pub fn supported() -> Vec<(Category, Description)> {
         table.iter().map(move |p| (category, p.description))
     }
     all(Category::Shape, shapes::PLUGINS)
+        .chain(instances::DESCRIPTIONS.iter().map(|d| (Category::Shape, *d)))
         .chain(all(Category::Bsdf, bsdfs::PLUGINS))
         .chain(all(Category::Texture, textures::PLUGINS))
         .chain(all(Category::Emitter, emitters::PLUGINS))
@@ -73,6 +76,8 @@ pub(super) fn load(path: &Path, defines: &[(String, String)], log: &mut Log) -> 
         default_materials: Vec::new(),
         depth: 0,
         shapes: Vec::new(),
+        groups: Vec::new(),
+        instances: Vec::new(),
         emitters: Vec::new(),
         sensor: None,
         integrator: None,
@@ -114,6 +119,9 @@ struct Builder<'a> {
     default_materials: Vec<MaterialId>,
     depth: usize,
     shapes: Vec<PlannedShape>,
+    /// Of shapes that are only seen through instances, in the order of the file.
+    groups: Vec<(ObjectId, Vec<PlannedShape>)>,
+    instances: Vec<Instance>,
     emitters: Vec<Emitter>,
     sensor: Option<Sensor>,
     integrator: Option<IntegratorSettings>,
@@ -202,9 +210,23 @@ impl<'a> Builder<'a> {
         })
     }
 
+    /// A shape directly in the scene.
     fn shape(&mut self, id: ObjectId) -> Result<(), LoadError> {
+        match self.document.object(id).plugin.as_str() {
+            instances::GROUP => self.group(id),
+            instances::INSTANCE => self.instance(id),
+            _ => {
+                let shape = self.planned_shape(id)?;
+                self.shapes.extend(shape);
+                Ok(())
+            }
+        }
+    }
+
+    /// A shape with geometry of its own; `None` if lenience leaves it out.
+    fn planned_shape(&mut self, id: ObjectId) -> Result<Option<PlannedShape>, LoadError> {
         let Some((build, properties)) = self.properties(shapes::PLUGINS, id, "the shape is left out")? else {
-            return Ok(());
+            return Ok(None);
         };
         let object = properties.object;
         let bsdf = properties.optional_object(Category::Bsdf)?;
@@ -221,8 +243,7 @@ impl<'a> Builder<'a> {
         let surface = build(&properties)?;
         properties.finish()?;
         let name = object.id.clone().unwrap_or_else(|| format!("{}-{}", object.plugin, self.shapes.len()));
-        self.shapes.push(PlannedShape { name, surface, material, emission });
-        Ok(())
+        Ok(Some(PlannedShape { name, surface, material, emission }))
     }
 
     fn light(&mut self, id: ObjectId) -> Result<Option<Light>, LoadError> {
@@ -336,26 +357,12 @@ impl<'a> Builder<'a> {
     /// Loads the meshes and puts the scene together.
     fn finish(self, path: &Path) -> Result<Scene, LoadError> {
         let log = self.log;
-        let lenient = log.lenient;
-        let loaded: Vec<_> = self
-            .shapes
-            .into_par_iter()
-            .map(|shape| {
-                let mut log = Log { lenient, ..Log::default() };
-                let geometry = match shape.surface {
-                    Surface::Ready(geometry) => Ok(geometry),
-                    Surface::File(file) => file.load(&mut log),
-                };
-                let PlannedShape { name, material, emission, .. } = shape;
-                (geometry.map(|geometry| Shape { name, geometry, material, emission }), log)
-            })
-            .collect();
-        let mut shapes = Vec::with_capacity(loaded.len());
-        // In the order of the file, so that which error is reported does not depend on threads.
-        for (shape, messages) in loaded {
-            log.absorb(messages);
-            shapes.push(shape?);
+        let mut shapes = load_all(self.shapes, log)?;
+        let mut groups = HashMap::new();
+        for (id, group) in self.groups {
+            groups.insert(id, load_all(group, log)?);
         }
+        instances::expand(self.document, &self.instances, &groups, &mut shapes)?;
         let sensor = self.sensor.unwrap_or_else(|| {
             log.note(Location::file(path), "the scene has no sensor: using a camera that frames its shapes");
             let camera = framing_camera(bounds_of(&shapes));
@@ -372,4 +379,28 @@ impl<'a> Builder<'a> {
             sample_count: sensor.sample_count,
         })
     }
+}
+
+/// Loads the geometry of shapes, in parallel.
+fn load_all(planned: Vec<PlannedShape>, log: &mut Log) -> Result<Vec<Shape>, LoadError> {
+    let lenient = log.lenient;
+    let loaded: Vec<_> = planned
+        .into_par_iter()
+        .map(|shape| {
+            let mut log = Log { lenient, ..Log::default() };
+            let geometry = match shape.surface {
+                Surface::Ready(geometry) => Ok(geometry),
+                Surface::File(file) => file.load(&mut log),
+            };
+            let PlannedShape { name, material, emission, .. } = shape;
+            (geometry.map(|geometry| Shape { name, geometry, material, emission }), log)
+        })
+        .collect();
+    let mut shapes = Vec::with_capacity(loaded.len());
+    // In the order of the file, so that which error is reported does not depend on threads.
+    for (shape, messages) in loaded {
+        log.absorb(messages);
+        shapes.push(shape?);
+    }
+    Ok(shapes)
 }

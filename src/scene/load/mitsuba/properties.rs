@@ -183,7 +183,10 @@ pub(super) fn find<Build>(
     if let Some(plugin) = table.iter().find(|p| p.description.name == object.plugin) {
         return Ok(Some(plugin));
     }
-    let names: Vec<_> = table.iter().map(|p| p.description.name).collect();
+    let mut names: Vec<_> = table.iter().map(|p| p.description.name).collect();
+    if object.category == Category::Shape {
+        names.extend([super::instances::GROUP, super::instances::INSTANCE]);
+    }
     let found = format!("{} `{}` is not supported", object.category, object.plugin);
     let way_round =
         WAYS_ROUND.iter().find(|(c, plugin, _)| *c == object.category && *plugin == object.plugin);
