@@ -14,12 +14,14 @@ mod lights;
 mod load;
 mod malformed;
 mod mitsuba;
+mod mitsuba_suite;
 mod query;
 #[cfg(feature = "embree")]
 mod query_embree;
 mod query_obvhs;
 mod sampler;
 mod scene_builder;
+mod scenes_table;
 mod spherical;
 mod statistics;
 mod support;

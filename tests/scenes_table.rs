@@ -15,7 +15,36 @@ enum Expected {
 }
 use Expected::{Loads, Refused};
 
-const SCENES: &[(&str, Expected)] = &[];
+const SCENES: &[(&str, Expected)] = &[
+    ("scenes/cbox/cbox.xml", Loads(8, 38)),
+    ("scenes/cbox/cbox_v3.xml", Loads(8, 38)),
+    ("scenes/country-kitchen/kitchen-envmap.xml", Loads(292, 1_414_391)),
+    (
+        "scenes/country-kitchen/kitchen.xml",
+        Refused("emitter `sunsky` is not supported; expected an `envmap`"),
+    ),
+    ("scenes/country-kitchen/kitchen_v3.xml", Loads(292, 1_414_391)),
+    (
+        "scenes/sms-ring/ring.xml",
+        Refused("ring.xml:39:13: parameter `caustic_emitter_single` of emitter `area`"),
+    ),
+    ("scenes/sms-ring/ring_notebook_normalmapped.xml", Refused("parameter `caustic_emitter_single`")),
+    ("scenes/sms-ring/ring_notebook_normalmapped_v3.xml", Loads(3, 4)),
+    ("scenes/sms-ring/ring_notebook_simple.xml", Refused("parameter `caustic_emitter_single`")),
+    ("scenes/sms-ring/ring_notebook_simple_v3.xml", Loads(3, 4)),
+    ("scenes/sms-ring/ring_v3.xml", Loads(3, 4)),
+    ("scenes/sponza/sponza.xml", Refused("parameter `max_smooth_angle` of shape `serialized` is not supported")),
+    ("scenes/sponza/sponza_v3.xml", Loads(38, 66_445)),
+    (
+        "scenes/staircase2/scene.xml",
+        Refused("medium `homogeneous` as `interior` in shape `obj` is not supported"),
+    ),
+    ("scenes/torus/obj/torus.xml", Refused("parameter `alpha` of bsdf `conductor` is not supported")),
+    ("scenes/torus/torus.xml", Refused("torus.xml:5:5: <dpt>; expected an object")),
+    ("scenes/torus/torus_obj_v3.xml", Loads(5, 23_614)),
+    ("scenes/torus/torus_v3.xml", Loads(5, 23_614)),
+    ("scenes/veach-bidir/scene.xml", Loads(14, 11_544)),
+];
 
 #[test]
 fn third_party_scenes_load_or_say_why_not() {

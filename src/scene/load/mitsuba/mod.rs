@@ -163,6 +163,8 @@ impl<'a> Builder<'a> {
             Category::Emitter => self.free_emitter(id),
             Category::Sensor => self.sensor(id),
             Category::Integrator => self.integrator(object),
+            // Built where a parameter refers to it.
+            Category::Texture if textures::is_supported(&object.plugin) => Ok(()),
             Category::Film | Category::Sampler | Category::Rfilter => {
                 self.error(at, format!("{} directly in the scene", object.category), "it within a sensor")
             }

@@ -11,6 +11,11 @@ use crate::scene::{Bitmap, Input, Rgb, TexelFilter, Texture, TextureId, Wrap};
 
 pub(super) type Build = fn(&Properties, &mut Builder) -> Result<Texture, LoadError>;
 
+/// Whether there is a texture plugin of that name.
+pub(super) fn is_supported(plugin: &str) -> bool {
+    PLUGINS.iter().any(|p| p.description.name == plugin)
+}
+
 pub(super) const PLUGINS: &[Plugin<Build>] = &[
     Plugin::new(
         "bitmap",

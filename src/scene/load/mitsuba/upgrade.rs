@@ -40,6 +40,12 @@ const PLUGINS: &[(Category, &str, &str)] = &[
 const PARAMETERS: &[(Category, &str, &str, &str)] =
     &[(Category::Bsdf, "diffuse", "diffuse_reflectance", "reflectance")];
 
+/// Values of textual parameters that something simpler stands for: there is no filtering over the size of a pixel, which samples replace.
+const VALUES: &[(Category, &str, &str, &str)] = &[
+    (Category::Texture, "filter_type", "trilinear", "bilinear"),
+    (Category::Texture, "filter_type", "ewa", "bilinear"),
+];
+
 /// Parameters that have no effect here, whatever their value, or only if they have the value given.
 const WITHOUT_EFFECT: &[(Category, &str, Option<&str>)] = &[
     (Category::Film, "attach_log", None),
@@ -53,6 +59,8 @@ const WITHOUT_EFFECT: &[(Category, &str, Option<&str>)] = &[
     (Category::Film, "tonemap_method", None),
     (Category::Sampler, "dimension", None),
     (Category::Sampler, "scramble", None),
+    (Category::Texture, "max_anisotropy", None),
+    (Category::Texture, "cache", None),
     (Category::Emitter, "cache", None),
     (Category::Emitter, "gamma", None),
     (Category::Bsdf, "ext_eta", Some("1")),
@@ -82,6 +90,16 @@ pub(super) fn object(object: &mut Object, locate: impl Fn(&Property) -> Location
             property.name = (*new).to_owned();
         }
     }
+    for property in &mut object.properties {
+        let simpler = VALUES
+            .iter()
+            .find(|(c, name, old, _)| *c == category && *name == property.name && *old == property.text);
+        if let Some((_, name, old, new)) = simpler {
+            log.note(locate(property), format!("`{name}` {old} of Mitsuba 0.x becomes {new}"));
+            property.value = Value::String((*new).to_owned());
+            property.text = (*new).to_owned();
+        }
+    }
     object.properties.retain(|property| {
         let is_idle = WITHOUT_EFFECT.iter().any(|(c, name, value)| {
             *c == category && *name == property.name && value.is_none_or(|v| v == property.text)
@@ -92,6 +110,26 @@ pub(super) fn object(object: &mut Object, locate: impl Fn(&Property) -> Location
         !is_idle
     });
     texture_transform(object);
+    texture_gamma(object);
+}
+
+/// `gamma` of a texture: 1 says that texels are linear; 2.2 is the encoding that 8-bit images have anyway, and -1 left the choice to them.
+fn texture_gamma(object: &mut Object) {
+    if object.category != Category::Texture {
+        return;
+    }
+    for property in &mut object.properties {
+        let number = match property.value {
+            Value::Float(x) => x,
+            Value::Integer(i) => i as f64,
+            _ => continue,
+        };
+        if property.name == "gamma" && [1.0, 2.2, -1.0].contains(&number) {
+            property.name = "raw".to_owned();
+            property.value = Value::Boolean(number == 1.0);
+            property.text = (number == 1.0).to_string();
+        }
+    }
 }
 
 /// `uoffset`, `voffset`, `uscale` and `vscale` become `to_uv`.
