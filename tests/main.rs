@@ -19,9 +19,11 @@ mod query;
 #[cfg(feature = "embree")]
 mod query_embree;
 mod query_obvhs;
+mod readme;
 mod sampler;
 mod scene_builder;
 mod scenes_table;
+mod serialized;
 mod spherical;
 mod statistics;
 mod support;
