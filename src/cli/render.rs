@@ -160,7 +160,7 @@ impl RenderArgs {
             (Some(spec), _) => Integrator::new(&spec.name, &spec.parameters)?,
             (None, Some(name)) => match Integrator::new(name, &settings.parameters) {
                 Ok(integrator) => integrator,
-                Err(error) => self.replace_integrator(settings, error)?,
+                Err(error) => self.replace_integrator(settings, &error)?,
             },
             (None, None) => Integrator::new("path", &[])?,
         })
@@ -170,7 +170,7 @@ impl RenderArgs {
     fn replace_integrator(
         &self,
         settings: &IntegratorSettings,
-        error: IntegratorError,
+        error: &IntegratorError,
     ) -> Result<Integrator, CliError> {
         let at = settings.location.as_ref().map(|l| format!("{l}: ")).unwrap_or_default();
         if !self.lenient {

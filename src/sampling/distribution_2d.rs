@@ -28,7 +28,7 @@ impl Distribution2d {
     /// From weights, row by row. `None` if there are none, they make no whole rows, none is positive, one is negative or not finite, or their
     /// sum is not finite.
     pub fn new(columns: usize, mut weights: Vec<f64>) -> Option<Self> {
-        let valid = columns > 0 && weights.len() % columns == 0 && weights.iter().all(|w| *w >= 0.0);
+        let valid = columns > 0 && weights.len().is_multiple_of(columns) && weights.iter().all(|w| *w >= 0.0);
         if !valid {
             return None;
         }

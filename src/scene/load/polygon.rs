@@ -7,12 +7,12 @@ use glam::Vec3;
 /// Polygons of less than three corners have none. Indices out of range are kept, to be found by who checks them.
 pub(super) fn triangulate(corners: &[u32], positions: &[Vec3], triangles: &mut Vec<[u32; 3]>) {
     let [first, rest @ ..] = corners else { return };
-    if corners.len() > 3 {
-        if let Some(points) = project(corners, positions) {
-            if !is_convex(&points) && cut_ears(corners, &points, triangles) {
-                return;
-            }
-        }
+    if corners.len() > 3
+        && let Some(points) = project(corners, positions)
+        && !is_convex(&points)
+        && cut_ears(corners, &points, triangles)
+    {
+        return;
     }
     triangles.extend(rest.windows(2).map(|pair| [*first, pair[0], pair[1]]));
 }

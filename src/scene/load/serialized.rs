@@ -61,7 +61,7 @@ pub(super) fn load_mesh(
         .and_then(|(a, b)| a.checked_add(b));
     let most = SMALL.max(packed.saturating_mul(MAX_EXPANSION));
     // Indices have 32 bits.
-    let Some(claim) = claim.filter(|&c| c <= most && vertices <= u64::from(u32::MAX)) else {
+    let Some(claim) = claim.filter(|&c| c <= most && u32::try_from(vertices).is_ok()) else {
         let found = format!("{vertices} vertices and {triangles} triangles in {packed} bytes");
         return Err(refuse(begin, found, "as many as the stream can hold"));
     };

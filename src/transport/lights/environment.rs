@@ -179,9 +179,9 @@ impl Band {
         for _ in 0..STEPS {
             let excess = self.integral(x, a, b) - wanted;
             if excess > 0.0 {
-                high = x
+                high = x;
             } else {
-                low = x
+                low = x;
             }
             let density = (a + (b - a) * x / self.height) * (self.start + x).sin();
             let next = x - excess / density;

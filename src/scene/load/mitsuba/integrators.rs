@@ -10,8 +10,11 @@ use crate::scene::IntegratorSettings;
 /// Integrators around another that only add outputs.
 const WRAPPERS: [&str; 2] = ["moment", "aov"];
 
+/// Mitsuba's name, ours, and a parameter that is fixed.
+type Synonym = (&'static str, &'static str, Option<(&'static str, &'static str)>);
+
 /// Mitsuba's integrators that are one of ours with a parameter fixed. Those for media are `path` in scenes without.
-const SYNONYMS: &[(&str, &str, Option<(&str, &str)>)] = &[
+const SYNONYMS: &[Synonym] = &[
     ("direct", "path", Some(("max_depth", "2"))),
     ("volpath", "path", None),
     ("volpathmis", "path", None),

@@ -80,14 +80,14 @@ pub(super) fn object(object: &mut Object, locate: impl Fn(&Property) -> Location
                 object.properties.push(Property { name, value, text, at: object.at });
             }
         }
-        object.plugin = (*new).to_owned();
+        (*new).clone_into(&mut object.plugin);
     }
     for property in &mut object.properties {
         let renamed = PARAMETERS
             .iter()
             .find(|(c, plugin, old, _)| *c == category && *plugin == object.plugin && *old == property.name);
         if let Some((.., new)) = renamed {
-            property.name = (*new).to_owned();
+            (*new).clone_into(&mut property.name);
         }
     }
     for property in &mut object.properties {
@@ -97,7 +97,7 @@ pub(super) fn object(object: &mut Object, locate: impl Fn(&Property) -> Location
         if let Some((_, name, old, new)) = simpler {
             log.note(locate(property), format!("`{name}` {old} of Mitsuba 0.x becomes {new}"));
             property.value = Value::String((*new).to_owned());
-            property.text = (*new).to_owned();
+            (*new).clone_into(&mut property.text);
         }
     }
     object.properties.retain(|property| {
@@ -125,7 +125,7 @@ fn texture_gamma(object: &mut Object) {
             _ => continue,
         };
         if property.name == "gamma" && [1.0, 2.2, -1.0].contains(&number) {
-            property.name = "raw".to_owned();
+            "raw".clone_into(&mut property.name);
             property.value = Value::Boolean(number == 1.0);
             property.text = (number == 1.0).to_string();
         }

@@ -113,14 +113,13 @@ pub(super) fn spectrum(text: &str) -> Result<Color, Expected> {
 pub(super) fn samples(numbers: &[f64]) -> Option<SpectrumColor> {
     let pairs: Vec<_> = numbers.chunks_exact(2).map(|pair| (pair[0], pair[1])).collect();
     let ascending = pairs.is_sorted_by(|a, b| a.0 < b.0);
-    (numbers.len() % 2 == 0 && !pairs.is_empty() && ascending).then(|| spectra::from_samples(&pairs))
+    (numbers.len().is_multiple_of(2) && !pairs.is_empty() && ascending).then(|| spectra::from_samples(&pairs))
 }
 
 /// The content of a spectrum file: a wavelength and a value per line, `#` begins a comment.
 pub(super) fn spectrum_file(text: &str) -> Option<SpectrumColor> {
-    let lines: String =
-        text.lines().map(|line| format!("{} ", line.split('#').next().unwrap_or_default())).collect();
-    samples(&floats(&lines)?)
+    let lines: Vec<&str> = text.lines().map(|line| line.split('#').next().unwrap_or_default()).collect();
+    samples(&floats(&lines.join(" "))?)
 }
 
 /// 16 numbers, or 9 for a matrix without translation, row by row.
