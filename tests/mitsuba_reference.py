@@ -29,8 +29,9 @@ def render(path, spp, runs, out):
 
     mitsuba.set_variant(VARIANT)
     start = time.monotonic()
+    # Reading OpenEXR waits forever for a second thread.
+    drjit.set_thread_count(2)
     scene = mitsuba.load_file(str(path))
-    # Not before: with one thread, Mitsuba 3.9 waits for ever to decode an OpenEXR texture.
     drjit.set_thread_count(1)
     spp = spp or scene.sensors()[0].sampler().sample_count()
     width, height = (int(n) for n in scene.sensors()[0].film().crop_size())

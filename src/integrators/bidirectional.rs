@@ -151,7 +151,10 @@ impl<Q: RayQuery, O: PathObserver> EyePath<'_, '_, '_, Q, O> {
             let vertex = SurfaceVertex::new(&self.pass.world.materials, &hit, &walk.ray);
             self.observer.segment(walk.mode, depth, &walk.ray, Some(&vertex), walk.beta);
             let cos_in = vertex.cos(vertex.wo);
-            let partials = h.arrive(flight, from.distance_squared(vertex.point.p), cos_in);
+            // Parallel camera rays do not spread.
+            let is_spread = depth > 1 || !self.pass.world.camera.is_parallel();
+            let spread = if is_spread { from.distance_squared(vertex.point.p) } else { 1.0 };
+            let partials = h.arrive(flight, spread, cos_in);
             let end = EyeVertex { vertex: &vertex, beta: walk.beta, partials, depth };
             self.hit_light(&end, from);
             if depth == max_depth {
@@ -188,8 +191,17 @@ impl<Q: RayQuery, O: PathObserver> EyePath<'_, '_, '_, Q, O> {
     /// Strategy (0, t), for a path that left the scene to the environment.
     fn hit_environment(&mut self, walk: &Walk, flight: Flight, depth: u32) {
         let lights = &self.pass.world.lights;
-        let Some((light, emitted)) = lights.environment() else { return };
-        let others = self.weights.environment_hit_others(flight, light, walk.ray.d);
+        let Some(light) = lights.environment() else { return };
+        let emitted = lights.le_environment(walk.ray.d);
+        if emitted == Rgb::ZERO {
+            return;
+        }
+        let others = if depth == 1 && self.pass.world.camera.is_parallel() {
+            // No other strategy finds the one direction in which the camera looks.
+            0.0
+        } else {
+            self.weights.environment_hit_others(flight, light, walk.ray.d)
+        };
         self.add(0, depth, walk.beta * emitted, others);
     }
 

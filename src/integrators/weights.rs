@@ -95,7 +95,7 @@ impl Weights<'_, '_> {
         let (h, lights) = (self.heuristic, &self.world.lights);
         let end = h.arrive(flight, 1.0, 1.0);
         let (pdf_position, pdf_direction_w) = lights.pdf_le(light, None, -d);
-        h.raise(f64::from(lights.pdf_environment())) * end.d_vcm
+        h.raise(f64::from(lights.pdf_environment(d))) * end.d_vcm
             + h.raise(f64::from(pdf_position) * f64::from(pdf_direction_w)) * end.d_vc
     }
 

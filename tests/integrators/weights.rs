@@ -144,8 +144,8 @@ impl ExplicitPath<'_> {
         // Of the first vertex alone, and of the second given the first.
         let (first, second) = if self.light.is_infinite {
             (
-                f64::from(lights.pdf_environment()),
-                pdf_position * pdf_direction / f64::from(lights.pdf_environment()),
+                f64::from(lights.pdf_environment(-self.light.d)),
+                pdf_position * pdf_direction / f64::from(lights.pdf_environment(-self.light.d)),
             )
         } else {
             (pdf_position, pdf_direction)
@@ -407,7 +407,7 @@ fn draw<Q: RayQuery>(world: &World, query: &Q, random: &mut Random, mut found: i
     let length = 1 + (random.uniform() * GREATEST_LENGTH as f32) as usize;
     while drawn.len() < length {
         let Some(hit) = query.intersect(&ray) else {
-            if let Some((light, _)) = lights.environment() {
+            if let Some(light) = lights.environment() {
                 let end = LightEnd { light, point: None, p: Vec3::ZERO, d: -ray.d, is_infinite: true };
                 found(assemble(&world.materials, end, drawn, camera_ray.o));
             }

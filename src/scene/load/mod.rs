@@ -14,13 +14,15 @@ pub mod mitsuba;
 mod mtl;
 mod obj;
 mod ply;
+mod polygon;
+mod serialized;
 
 pub use error::{LoadError, Location, Position, Severity, Warning};
 
 use std::fs;
 use std::path::{Path, PathBuf};
 
-use glam::{DAffine3, DMat3, DVec3, UVec2, Vec3};
+use glam::{DAffine3, DMat3, DVec2, DVec3, UVec2, Vec3};
 
 use super::{
     Aabb, Camera, Emitter, FilmSettings, Filter, FovAxis, Image, Input, IntegratorSettings, Lens, Material,
@@ -128,6 +130,20 @@ impl Log {
         }
     }
 
+    /// A file that another one names at `from`, opened to be read in part; and its length.
+    fn open(&mut self, path: &Path, from: &Location) -> Result<(fs::File, u64), LoadError> {
+        let refuse = |why: String| {
+            LoadError::new(from.clone(), format!("file {}: {why}", path.display()), "a readable file")
+        };
+        let metadata = fs::metadata(path).map_err(|e| refuse(format!("cannot be opened ({e})")))?;
+        if !metadata.is_file() {
+            return Err(refuse("is not a regular file".to_owned()));
+        }
+        let file = fs::File::open(path).map_err(|e| refuse(format!("cannot be opened ({e})")))?;
+        self.record(path);
+        Ok((file, metadata.len()))
+    }
+
     /// The bytes of a file. `from` is where the file was named, if in another file.
     fn read(&mut self, path: &Path, from: Option<&Location>) -> Result<Vec<u8>, LoadError> {
         let refuse = |why: String| {
@@ -183,6 +199,7 @@ fn framing_camera(bounds: Aabb) -> Camera {
         lens: Lens::Pinhole,
         near_clip: distance * 1e-4,
         far_clip: distance + 4.0 * radius,
+        principal_point: DVec2::ZERO,
     }
 }
 

@@ -119,6 +119,7 @@ fn group(model: tobj::Model, path: &Path, log: &mut Log) -> Group {
         normals: mesh.normals.chunks_exact(3).map(Vec3::from_slice).collect(),
         uvs: mesh.texcoords.chunks_exact(2).map(Vec2::from_slice).collect(),
         triangles: Vec::with_capacity(mesh.indices.len() / 3),
+        attributes: Vec::new(),
     };
     // tobj leaves out what a corner lacks, so that the rest cannot be told apart any more.
     let vertices = raw.positions.len();

@@ -183,11 +183,24 @@ pub(super) fn find<Build>(
     if let Some(plugin) = table.iter().find(|p| p.description.name == object.plugin) {
         return Ok(Some(plugin));
     }
-    let names: Vec<_> = table.iter().map(|p| p.description.name).collect();
+    let mut names: Vec<_> = table.iter().map(|p| p.description.name).collect();
+    if object.category == Category::Shape {
+        names.extend([super::instances::GROUP, super::instances::INSTANCE]);
+    }
     let found = format!("{} `{}` is not supported", object.category, object.plugin);
-    log.unsupported(document.error(object.at, found, one_of(&names)), substitute)?;
+    let way_round =
+        WAYS_ROUND.iter().find(|(c, plugin, _)| *c == object.category && *plugin == object.plugin);
+    let expected = way_round.map_or_else(|| one_of(&names), |(.., way)| (*way).to_owned());
+    log.unsupported(document.error(object.at, found, expected), substitute)?;
     Ok(None)
 }
+
+/// What to write instead of plugins that are not supported but have an equivalent.
+const WAYS_ROUND: &[(Category, &str, &str)] =
+    &[(Category::Emitter, "sunsky", SKY), (Category::Emitter, "sky", SKY), (Category::Emitter, "sun", SKY)];
+
+const SKY: &str =
+    "an `envmap` of the sky as an image, which Mitsuba itself can write, or `directional` for the sun alone";
 
 /// The parameters of one object, checked against the plugin's table.
 pub(super) struct Properties<'a> {
@@ -226,14 +239,6 @@ impl<'a> Properties<'a> {
             let found =
                 format!("parameter `{}` of {} as <{}>", property.name, self.title(), property.value.tag());
             return Err(self.document.error(property.at, found, parameter.kind.elements()));
-        }
-        if let Value::Color(Color::Wavelengths(_)) = property.value {
-            let found = format!("`{}` by wavelengths is not supported", property.name);
-            let expected = "<rgb>, or <spectrum> with one number";
-            return log.unsupported(
-                self.document.error(property.at, found, expected),
-                "the mean of its values is used",
-            );
         }
         Ok(())
     }
@@ -467,10 +472,14 @@ impl<'a> Properties<'a> {
         let color = match self.value(name) {
             Some(Value::Color(Color::Rgb(c))) => *c,
             // Equal energy at all wavelengths is no RGB white; Mitsuba makes the difference for emitters alone.
-            Some(Value::Color(Color::Flat(x) | Color::Wavelengths(x))) if kind == Kind::Emission => {
-                *x * EQUAL_ENERGY
-            }
-            Some(Value::Color(Color::Flat(x) | Color::Wavelengths(x)) | Value::Float(x)) => DVec3::splat(*x),
+            Some(Value::Color(Color::Flat(x))) if kind == Kind::Emission => *x * EQUAL_ENERGY,
+            // Spectral colours may lie outside of what RGB can mix; they are moved to its border, as in Mitsuba.
+            Some(Value::Color(Color::Wavelengths(c))) => match kind {
+                Kind::Emission => c.emission.max(DVec3::ZERO),
+                Kind::Reflectance => c.reflectance.clamp(DVec3::ZERO, DVec3::ONE),
+                _ => c.reflectance.max(DVec3::ZERO),
+            },
+            Some(Value::Color(Color::Flat(x)) | Value::Float(x)) => DVec3::splat(*x),
             Some(Value::Integer(i)) => DVec3::splat(*i as f64),
             _ => DVec3::splat(self.default_number(name)?),
         };
