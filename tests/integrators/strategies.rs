@@ -80,7 +80,10 @@ impl BackendTest for Unweighted<'_> {
         for length in 1..=4 {
             // Next-event estimation is the best known; direct light is that of (0, 2).
             let reference = means[&Strategy { s: u32::from(length > 1), t: length + u32::from(length == 1) }];
-            assert!(reference.standard_error() < 0.02 * reference.mean(), "({length}) is too noisy: {reference:?}");
+            assert!(
+                reference.standard_error() < 0.02 * reference.mean(),
+                "({length}) is too noisy: {reference:?}"
+            );
             for s in 0..=length + 1 {
                 let t = length + 1 - s;
                 let tested = means[&Strategy { s, t }];
