@@ -121,14 +121,18 @@ impl<'w> Pool<'w> {
     /// Forgets the splats of the pass before.
     fn clear(&mut self) {
         let all = self.0.get_mut().unwrap_or_else(PoisonError::into_inner);
-        all.iter_mut().for_each(|scratch| scratch.splats.clear());
+        for scratch in all {
+            scratch.splats.clear();
+        }
     }
 
     /// Moves the splats of all threads to one place. Returns the number of rays traced since the last time.
     fn gather(&mut self) -> u64 {
         let all = self.0.get_mut().unwrap_or_else(PoisonError::into_inner);
         if let Some((first, rest)) = all.split_first_mut() {
-            rest.iter_mut().for_each(|scratch| first.splats.append(&mut scratch.splats));
+            for scratch in rest {
+                first.splats.append(&mut scratch.splats);
+            }
         }
         all.iter_mut().map(|scratch| std::mem::take(&mut scratch.rays)).sum()
     }

@@ -230,6 +230,9 @@ impl Job<'_> {
         if let Some(folder) = &self.args.strategies {
             return self.strategies(&world, query, folder);
         }
+        if let Some(warning) = self.target.integrator.warning(&world) {
+            self.say(&[format!("warning: {warning}")]);
+        }
         let identity = self.identity()?;
         let mut film = self.film(&world, &identity)?;
         let interrupted = stop_on_ctrl_c()?;

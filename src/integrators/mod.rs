@@ -18,9 +18,10 @@ pub use pass::{Pass, Scratch};
 
 use thiserror::Error;
 
+use crate::transport::World;
 use backward::Backward;
 use bidirectional::Bidirectional;
-use forward::Forward;
+use forward::{Connect, Forward};
 
 /// An integrator with its parameters.
 #[derive(Debug, Clone, Copy, PartialEq)]
@@ -88,6 +89,16 @@ impl Integrator {
             Self::Backward(backward) => backward.describe(),
             Self::Forward(forward) => forward.describe(),
             Self::Bidirectional(bidirectional) => bidirectional.describe(),
+        }
+    }
+
+    /// What a person should know before rendering this world: why the image will be black.
+    pub fn warning(&self, world: &World) -> Option<&'static str> {
+        match self {
+            Self::Forward(Forward { connect: Connect::Hit, .. }) if world.camera.is_delta() => Some(
+                "nothing hits a pinhole: with connect=hit the image is black; use a thinlens sensor or connect=nee",
+            ),
+            _ => None,
         }
     }
 

@@ -4,7 +4,8 @@ use std::f64::consts::PI;
 
 use glam::{UVec2, Vec3};
 use helmholtz::integrators::Integrator;
-use helmholtz::query::RayQuery;
+use helmholtz::query::obvhs::ObvhsQuery;
+use helmholtz::query::{BuildQuality, RayQuery};
 use helmholtz::scene::{Emitter, Filter, Lens, Material, PixelRect, Rgb, Scene};
 use helmholtz::transport::World;
 
@@ -54,7 +55,7 @@ impl BackendTest for Case<'_> {
             }
             Expected::As(reference) => {
                 let reference = means(self.scene, query, reference, 1000, self.passes);
-                assert!(tested.standard_error() < 0.03 * mean, "{name} is too noisy: {tested:?}");
+                assert!(tested.standard_error() < 0.05 * mean, "{name} is too noisy: {tested:?}");
                 let p = z_test_two(&tested, &reference);
                 family.record(format!("{name} on {backend}: {mean}, {}", reference.mean()), p);
             }
@@ -188,14 +189,19 @@ fn crops_and_sizes_do_not_change_brightness() {
         ("large", UVec2::splat(64), PixelRect { min: UVec2::ZERO, size: UVec2::splat(64) }),
         ("wide", UVec2::new(70, 3), PixelRect { min: UVec2::ZERO, size: UVec2::new(70, 3) }),
     ] {
-        for filter in [Filter::Box, Filter::Gaussian { stddev: 0.5 }] {
-            let mut scene = lit_corner();
-            (scene.film.size, scene.film.crop, scene.film.filter) = (size, crop, filter);
-            let passes = 40_000 / (crop.size.x * crop.size.y);
-            for tested in ["ptracer", "bdpt"] {
-                let path = Expected::As(integrator("path", "max_depth=3"));
-                check(name, &scene, (tested, "max_depth=3"), path, passes);
-            }
+        let mut scene = lit_corner();
+        (scene.film.size, scene.film.crop) = (size, crop);
+        // One that reaches over the borders.
+        scene.film.filter = Filter::Gaussian { stddev: 0.5 };
+        let passes = 20_000 / (crop.size.x * crop.size.y);
+        for tested in ["ptracer", "bdpt"] {
+            check(
+                name,
+                &scene,
+                (tested, "max_depth=3"),
+                Expected::As(integrator("path", "max_depth=3")),
+                passes,
+            );
         }
     }
 }
@@ -223,7 +229,7 @@ fn images_survive_scale() {
     }
     let mean = |exponent: i32| {
         let scene = with_lens(scaled(scene.clone(), 10f64.powi(exponent)), 0.2);
-        let query = helmholtz::query::obvhs::ObvhsQuery::new(&scene.shapes, Default::default());
+        let query = ObvhsQuery::new(&scene.shapes, BuildQuality::default());
         means(&scene, &query, integrator("bdpt", "max_depth=5"), 0, 128)
     };
     let unit = mean(0);
@@ -239,7 +245,7 @@ fn images_are_linear_in_emission() {
     let mean = |factor: f32| {
         let mut scene = lit_corner();
         scene.shapes[2].emission = Some(Rgb::splat(5.0 * factor));
-        let query = helmholtz::query::obvhs::ObvhsQuery::new(&scene.shapes, Default::default());
+        let query = ObvhsQuery::new(&scene.shapes, BuildQuality::default());
         means(&scene, &query, integrator("bdpt", "max_depth=3"), 0, 4).mean() / f64::from(factor)
     };
     let unit = mean(1.0);
