@@ -38,7 +38,9 @@ fn stream(version: u16, flags: u32, counts: [u64; 2], numbers: &[f64], indices: 
     if version == 4 {
         bytes.extend(b"a mesh\0");
     }
-    counts.iter().for_each(|n| bytes.extend(n.to_le_bytes()));
+    for n in counts {
+        bytes.extend(n.to_le_bytes());
+    }
     for &x in numbers {
         if flags & 0x2000 == 0 {
             bytes.extend((x as f32).to_le_bytes());
@@ -46,7 +48,9 @@ fn stream(version: u16, flags: u32, counts: [u64; 2], numbers: &[f64], indices: 
             bytes.extend(x.to_le_bytes());
         }
     }
-    indices.iter().for_each(|i| bytes.extend(i.to_le_bytes()));
+    for i in indices {
+        bytes.extend(i.to_le_bytes());
+    }
     bytes
 }
 
