@@ -225,13 +225,15 @@ fn light_paths_of_a_pixel_are_explained() {
         "--size",
         "12x12",
         "--debug-pixel",
-        "6,9",
+        "3,10",
         "--integrator",
         "bdpt:max_depth=4",
+        "--passes",
+        "0..6",
     ]);
     let text = String::from_utf8_lossy(&output.stdout);
     for part in [
-        "pixel 6,9 pass 0",
+        "pixel 3,10 pass 0",
         "light 1:",
         "eye 1:",
         "samples the lens (s = ",

@@ -3,7 +3,7 @@
 //! A pass contributes one sample to each pixel of the *sampled area* ([`PassSamples`]) and any number of splats
 //! ([`Splat`]). The sampled area is the crop window with a border as wide as the filter reaches, also where that lies
 //! outside the full film: so pixels at the border see the whole filter, and a crop is, bit for bit, that part of the
-//! full image. A pixel is
+//! full image as far as camera samples make it (light paths are numbered within the sampled area; their splats agree only in expectation). A pixel is
 //!
 //! ```text
 //! sum f L / sum f  +  (sum of splats, f S) / passes

@@ -64,11 +64,11 @@ fn strategy_images<Q: RayQuery>(
 impl BackendTest for Unweighted<'_> {
     fn run<Q: RayQuery>(&self, _: &str, query: &Q) {
         let world = World::new(self.0);
-        let bdpt = integrator("bdpt", "max_depth=4,rr_depth=2");
+        let bdpt = integrator("bdpt", "max_depth=3,rr_depth=2");
         let mut means: BTreeMap<Strategy, Moments> = BTreeMap::new();
         for seed in 0..64 {
             let images = strategy_images(&world, query, bdpt, seed, 512);
-            for (length, s) in (1..=4).flat_map(|length| (0..=length + 1).map(move |s| (length, s))) {
+            for (length, s) in (1..=3).flat_map(|length| (0..=length + 1).map(move |s| (length, s))) {
                 let strategy = Strategy { s, t: length + 1 - s };
                 // A strategy that has not contributed has no image.
                 let found = images.iter().find(|(other, _)| *other == strategy);
@@ -77,7 +77,7 @@ impl BackendTest for Unweighted<'_> {
             }
         }
         let mut family = Family::default();
-        for length in 1..=4 {
+        for length in 1..=3 {
             // Next-event estimation is the best known; direct light is that of (0, 2).
             let reference = means[&Strategy { s: u32::from(length > 1), t: length + u32::from(length == 1) }];
             assert!(
