@@ -57,8 +57,10 @@ impl<'s> SurfaceVertex<'s> {
         let material = scene.shapes[hit.shape as usize].material;
         let bsdf = Bsdf::new(materials, material, &point, point.ns.dot(ray.d) < 0.0);
         let tangent = if bsdf.is_anisotropic() { point.dp_du(&scene.shapes) } else { None };
-        let frame =
-            tangent.map_or_else(|| Frame::from_z(point.ns), |t| Frame::from_z_and_tangent(point.ns, t));
+        let frame = match tangent {
+            None => Frame::from_z(point.ns),
+            Some(tangent) => Frame::from_z_and_tangent(point.ns, tangent),
+        };
         Self { point, frame, bsdf, wo: -ray.d, wo_local: frame.to_local(-ray.d) }
     }
 

@@ -34,7 +34,7 @@ impl Walk {
     }
 
     /// Goes on from a vertex in a direction drawn from its BSDF, which is returned. `None` where the path is absorbed.
-    #[inline]
+    #[inline(always)]
     pub fn scatter(&mut self, vertex: &SurfaceVertex, u: [f32; 3]) -> Option<Scatter> {
         let scatter = vertex.scatter(u, self.mode)?;
         self.beta *= scatter.weight;
