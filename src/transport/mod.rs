@@ -27,6 +27,8 @@ pub struct World<'s> {
     pub lights: Lights<'s>,
     /// Camera, ready to be sampled.
     pub camera: CameraModel,
+    /// Around shapes and camera.
+    pub bounds: BoundingSphere,
 }
 
 impl<'s> World<'s> {
@@ -34,7 +36,8 @@ impl<'s> World<'s> {
     pub fn new(scene: &'s Scene) -> Self {
         let bounds = scene.shapes.iter().fold(Aabb::EMPTY, |b, s| b.union(s.geometry.bounds()));
         let camera = CameraModel::new(&scene.camera, scene.film.size);
-        Self { scene, lights: Lights::new(scene, BoundingSphere::new(bounds, &camera)), camera }
+        let bounds = BoundingSphere::new(bounds, &camera);
+        Self { scene, lights: Lights::new(scene, bounds), camera, bounds }
     }
 }
 
