@@ -108,11 +108,11 @@ pub fn render<Q: RayQuery>(
 
 /// Memory for each thread that works on a pass, kept from pass to pass.
 #[derive(Default)]
-struct Pool(Mutex<Vec<Scratch>>);
+struct Pool<'w>(Mutex<Vec<Scratch<'w>>>);
 
-impl Pool {
+impl<'w> Pool<'w> {
     /// Lends memory to a task.
-    fn lend<R>(&self, task: impl FnOnce(&mut Scratch) -> R) -> R {
+    fn lend<R>(&self, task: impl FnOnce(&mut Scratch<'w>) -> R) -> R {
         // A task that panicked ends the render anyway.
         let lock = || self.0.lock().unwrap_or_else(PoisonError::into_inner);
         let mut scratch = lock().pop().unwrap_or_default();
@@ -124,14 +124,18 @@ impl Pool {
     /// Forgets the splats of the pass before.
     fn clear(&mut self) {
         let all = self.0.get_mut().unwrap_or_else(PoisonError::into_inner);
-        all.iter_mut().for_each(|scratch| scratch.splats.clear());
+        for scratch in all {
+            scratch.splats.clear();
+        }
     }
 
     /// Moves the splats of all threads to one place. Returns the number of rays traced since the last time.
     fn gather(&mut self) -> u64 {
         let all = self.0.get_mut().unwrap_or_else(PoisonError::into_inner);
         if let Some((first, rest)) = all.split_first_mut() {
-            rest.iter_mut().for_each(|scratch| first.splats.append(&mut scratch.splats));
+            for scratch in rest {
+                first.splats.append(&mut scratch.splats);
+            }
         }
         all.iter_mut().map(|scratch| std::mem::take(&mut scratch.rays)).sum()
     }
@@ -142,11 +146,11 @@ impl Pool {
     }
 }
 
-fn sample_pixels<Q: RayQuery>(
-    pass: &Pass<Q>,
+fn sample_pixels<'w, Q: RayQuery>(
+    pass: &Pass<'w, '_, Q>,
     integrator: Integrator,
     samples: &mut PassSamples,
-    pool: &Pool,
+    pool: &Pool<'w>,
 ) {
     samples.par_bands_mut().for_each(|mut band| {
         pool.lend(|scratch| {
@@ -163,7 +167,7 @@ fn sample_pixels<Q: RayQuery>(
 /// Light paths that one task traces: enough to make the pool's lock cheap.
 const LIGHT_PATHS_PER_TASK: u64 = 256;
 
-fn trace_light_paths<Q: RayQuery>(pass: &Pass<Q>, integrator: Integrator, pool: &Pool) {
+fn trace_light_paths<'w, Q: RayQuery>(pass: &Pass<'w, '_, Q>, integrator: Integrator, pool: &Pool<'w>) {
     let count = pass.light_paths();
     (0..count.div_ceil(LIGHT_PATHS_PER_TASK)).into_par_iter().for_each(|task| {
         pool.lend(|scratch| {
@@ -177,11 +181,11 @@ fn trace_light_paths<Q: RayQuery>(pass: &Pass<Q>, integrator: Integrator, pool: 
 
 /// The sample of one pixel in one pass: a function of its arguments alone. Splats that come with it go to `scratch`, which also counts the rays.
 #[inline]
-pub fn sample_pixel<Q: RayQuery, O: PathObserver>(
-    pass: &Pass<Q>,
+pub fn sample_pixel<'w, Q: RayQuery, O: PathObserver>(
+    pass: &Pass<'w, '_, Q>,
     integrator: Integrator,
     pixel: IVec2,
-    scratch: &mut Scratch,
+    scratch: &mut Scratch<'w>,
     observer: &mut O,
 ) -> Sample {
     let Pass { world, query, .. } = *pass;
@@ -197,7 +201,7 @@ pub fn sample_pixel<Q: RayQuery, O: PathObserver>(
         }
         Integrator::Forward(_) => {
             scratch.rays += 1;
-            let vertex = query.intersect(&ray).map(|hit| SurfaceVertex::new(world.scene, &hit, &ray));
+            let vertex = query.intersect(&ray).map(|hit| SurfaceVertex::new(&world.materials, &hit, &ray));
             observer.segment(TransportMode::Radiance, 1, &ray, vertex.as_ref(), Rgb::ONE);
             Rgb::ZERO
         }
@@ -211,11 +215,11 @@ pub fn sample_pixel<Q: RayQuery, O: PathObserver>(
 
 /// One light path of a pass: a function of its arguments alone. Its splats go to `scratch`. Integrators without light paths do nothing.
 #[inline]
-pub fn trace_light_path<Q: RayQuery, O: PathObserver>(
-    pass: &Pass<Q>,
+pub fn trace_light_path<'w, Q: RayQuery, O: PathObserver>(
+    pass: &Pass<'w, '_, Q>,
     integrator: Integrator,
     slot: u64,
-    scratch: &mut Scratch,
+    scratch: &mut Scratch<'w>,
     observer: &mut O,
 ) {
     match integrator {

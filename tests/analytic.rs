@@ -93,9 +93,16 @@ fn grey_furnace_diffuse() {
 /// Smooth glass and mirrors keep all energy, through any number of internal reflections.
 #[test]
 fn white_furnace_specular() {
-    let glass =
-        Material::Dielectric { eta: 1.5, specular_reflectance: Rgb::ONE, specular_transmittance: Rgb::ONE };
-    let mirror = Material::Conductor { eta: Rgb::ZERO, k: Rgb::ONE, specular_reflectance: Rgb::ONE };
+    let glass = Material::Dielectric {
+        eta: 1.5,
+        specular_reflectance: Rgb::ONE.into(),
+        specular_transmittance: Rgb::ONE.into(),
+    };
+    let mirror = Material::Conductor {
+        eta: Rgb::ZERO.into(),
+        k: Rgb::ONE.into(),
+        specular_reflectance: Rgb::ONE.into(),
+    };
     for (name, material) in [("glass", glass), ("mirror", mirror)] {
         let scene = empty()
             .shape(sphere(Vec3::Z * 5.0, 2.0), material, None)
@@ -111,17 +118,17 @@ fn white_furnace_rough() {
     let alpha = 3e-3_f32;
     let conductor = Material::RoughConductor {
         distribution: Microfacet::Ggx,
-        alpha: [alpha; 2],
-        eta: Rgb::ZERO,
-        k: Rgb::ONE,
-        specular_reflectance: Rgb::ONE,
+        alpha: [alpha.into(); 2],
+        eta: Rgb::ZERO.into(),
+        k: Rgb::ONE.into(),
+        specular_reflectance: Rgb::ONE.into(),
     };
     let dielectric = Material::RoughDielectric {
         distribution: Microfacet::Beckmann,
-        alpha: [alpha; 2],
+        alpha: [alpha.into(); 2],
         eta: 1.5,
-        specular_reflectance: Rgb::ONE,
-        specular_transmittance: Rgb::ONE,
+        specular_reflectance: Rgb::ONE.into(),
+        specular_transmittance: Rgb::ONE.into(),
     };
     for (name, material) in [("rough conductor", conductor), ("rough dielectric", dielectric)] {
         let scene = empty()

@@ -1,6 +1,6 @@
 //! Cameras: the rays they send against the importance they give to light that arrives.
 
-use glam::{DAffine3, DQuat, DVec3, UVec2, Vec2, Vec3};
+use glam::{DAffine3, DMat3, DQuat, DVec2, DVec3, UVec2, Vec2, Vec3};
 use helmholtz::scene::{Camera, FovAxis, Lens};
 use helmholtz::transport::camera::CameraModel;
 
@@ -21,14 +21,77 @@ fn cameras() -> Vec<(&'static str, CameraModel)> {
         lens,
         near_clip: 0.01,
         far_clip: 1e4,
+        principal_point: DVec2::ZERO,
     };
+    let moved = Camera { principal_point: DVec2::new(0.1, -0.2), ..camera(Lens::Pinhole) };
     vec![
         ("pinhole", CameraModel::new(&camera(Lens::Pinhole), SIZE)),
+        ("pinhole with its principal point moved", CameraModel::new(&moved, SIZE)),
         (
             "thin lens",
             CameraModel::new(&camera(Lens::Thin { aperture_radius: 0.2, focus_distance: 3.0 }), SIZE),
         ),
     ]
+}
+
+/// An orthographic camera whose rays are not at right angles to its film, which is 3 wide.
+fn orthographic() -> Camera {
+    let map =
+        DMat3::from_cols(DVec3::new(1.5, 0.0, 0.0), DVec3::new(0.2, 1.2, 0.0), DVec3::new(0.3, 0.4, 2.0));
+    let turn = DMat3::from_quat(DQuat::from_euler(glam::EulerRot::XYZ, 0.3, -0.7, 0.2));
+    Camera {
+        to_world: DAffine3::from_mat3_translation(turn * map, DVec3::new(1.0, -2.0, 0.5)),
+        fov: 90.0,
+        fov_axis: FovAxis::X,
+        lens: Lens::Orthographic,
+        near_clip: 0.5,
+        far_clip: 10.0,
+        principal_point: DVec2::ZERO,
+    }
+}
+
+/// Rays of an orthographic camera leave its film side by side, and a point anywhere along one connects back to its film position, if it is
+/// between the clipping planes as Mitsuba means them: the nearer is scaled with the camera, the depth between is not.
+#[test]
+fn orthographic_rays_connect_back() {
+    let settings = orthographic();
+    let camera = CameraModel::new(&settings, SIZE);
+    let axis = settings.to_world.matrix3.z_axis;
+    let near = (0.5 * axis.length()) as f32;
+    let corner = settings.to_world.transform_point3(DVec3::new(1.0, 48.0 / 64.0, 0.0)).as_vec3();
+    assert!(camera.spawn_ray(Vec2::ZERO, Vec2::ZERO).o.distance(corner) < 1e-5);
+    let mut random = Random::new(4);
+    for _ in 0..10_000 {
+        let film = random.uniform_2d() * SIZE.as_vec2();
+        let ray = camera.spawn_ray(film, random.uniform_2d());
+        assert!(ray.d.distance(axis.normalize().as_vec3()) < 1e-6);
+        assert!((ray.t_min - near).abs() < 1e-5 && (ray.t_max - near - 9.5).abs() < 1e-5);
+        let t = random.uniform() * 15.0;
+        let connection = camera.sample_wi(ray.o + ray.d * t, random.uniform_2d());
+        if (t - ray.t_min).abs() > 1e-4 && (t - ray.t_max).abs() > 1e-4 {
+            assert_eq!(connection.is_some(), t > ray.t_min && t < ray.t_max, "{t}");
+        }
+        let Some(connection) = connection else { continue };
+        assert!(connection.film.distance(film) < 1e-3, "{film} became {}", connection.film);
+        assert!(connection.p.distance(ray.o) < 1e-4 && connection.cos == 1.0 && connection.d == ray.d);
+    }
+}
+
+/// The principal point moves the picture by its offset, as Mitsuba does: what was in the middle is seen a tenth of the width to the left.
+#[test]
+fn the_principal_point_moves_the_picture() {
+    let settings = |principal_point| Camera {
+        to_world: DAffine3::IDENTITY,
+        fov: 90.0,
+        fov_axis: FovAxis::X,
+        lens: Lens::Pinhole,
+        near_clip: 0.0,
+        far_clip: 1e9,
+        principal_point,
+    };
+    let moved = CameraModel::new(&settings(DVec2::new(0.1, 0.25)), SIZE);
+    let film = moved.sample_wi(Vec3::Z, Vec2::ZERO).expect("in front").film;
+    assert!(film.distance(SIZE.as_vec2() * Vec2::new(0.4, 0.25)) < 1e-4, "{film}");
 }
 
 /// A ray's film position is found again from its origin and direction.
@@ -59,8 +122,15 @@ fn field_of_view_is_measured_across_its_axis() {
     ];
     for (fov_axis, film) in cases {
         let to_world = DAffine3::IDENTITY;
-        let camera =
-            Camera { to_world, fov: 50.0, fov_axis, lens: Lens::Pinhole, near_clip: 0.0, far_clip: 1e9 };
+        let camera = Camera {
+            to_world,
+            fov: 50.0,
+            fov_axis,
+            lens: Lens::Pinhole,
+            near_clip: 0.0,
+            far_clip: 1e9,
+            principal_point: DVec2::ZERO,
+        };
         let camera = CameraModel::new(&camera, SIZE);
         let angle = camera.spawn_ray(film, Vec2::ZERO).d.z.acos().to_degrees();
         assert!((angle - 25.0).abs() < 1e-3, "{fov_axis:?}: {angle}");
@@ -77,6 +147,7 @@ fn image_orientation() {
         lens: Lens::Pinhole,
         near_clip: 0.0,
         far_clip: 1e9,
+        principal_point: DVec2::ZERO,
     };
     let d = CameraModel::new(&camera, SIZE).spawn_ray(Vec2::ZERO, Vec2::ZERO).d;
     assert!(d.x > 0.0 && d.y > 0.0 && d.z > 0.0, "upper left corner looks to {d}");
@@ -137,7 +208,8 @@ fn direction_density_is_normalised() {
 fn connections_agree_with_rays() {
     let mut family = Family::default();
     let mut random = Random::new(3);
-    for (name, camera) in cameras() {
+    let parallel = ("orthographic", CameraModel::new(&orthographic(), SIZE));
+    for (name, camera) in cameras().into_iter().chain([parallel]) {
         // A disc facing the camera, out of focus for the lens, whose blur stays on the film.
         let axis = camera.spawn_ray(Vec2::new(30.0, 22.0), Vec2::splat(0.5)).d;
         let (center, radius) = (camera.position() + axis * 4.0, 0.3_f32);

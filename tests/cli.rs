@@ -164,6 +164,127 @@ fn a_pixel_is_explained_vertex_by_vertex() {
     assert!(folder.fail(&["render", SCENE, "--debug-pixel", "512,0"], 1).contains("not on the film"));
 }
 
+/// With splats too, threads, resuming and merging change no bit.
+#[test]
+fn splats_are_reproducible() {
+    for integrator in ["ptracer:max_depth=5", "bdpt:max_depth=5"] {
+        let folder = Folder::new();
+        let common = ["render", SCENE, "--size", "40x30", "--quiet", "--integrator", integrator];
+        let render = |more: &[&str]| folder.succeed(&[&common, more].concat());
+        render(&["--spp", "5", "--threads", "1", "-o", "one.exr"]);
+        render(&["--spp", "5", "--threads", "3", "-o", "three.exr"]);
+        render(&["--passes", "0..2", "--save-state", "a.state", "-o", "a.exr"]);
+        render(&["--passes", "2..5", "--save-state", "b.state", "-o", "b.exr"]);
+        render(&["--spp", "5", "--resume", "b.state", "-o", "resumed.exr"]);
+        folder.succeed(&["merge", "b.state", "a.state", "-o", "merged.exr"]);
+        let one = channels(&folder.path("one.exr"));
+        assert!(one.iter().any(|(_, bits)| bits.iter().any(|&b| b != 0)), "the image is black");
+        for other in ["three.exr", "resumed.exr", "merged.exr"] {
+            assert!(one == channels(&folder.path(other)), "{integrator}: {other} differs");
+        }
+    }
+}
+
+/// AOVs show what the camera sees, also where no camera sample is taken for the image.
+#[test]
+fn aovs_do_not_depend_on_the_integrator() {
+    let folder = Folder::new();
+    let depth = |integrator: &str| {
+        folder.succeed(&[
+            "render",
+            SCENE,
+            "--size",
+            "16x16",
+            "--spp",
+            "2",
+            "--quiet",
+            "--aov",
+            "depth,albedo",
+            "--integrator",
+            integrator,
+            "-o",
+            "image.exr",
+        ]);
+        let named =
+            |(name, bits): (String, Vec<u32>)| (name == "Z" || name.starts_with("albedo")).then_some(bits);
+        channels(&folder.path("image.exr")).into_iter().filter_map(named).collect::<Vec<_>>()
+    };
+    let expected = depth("path");
+    assert_eq!(expected.len(), 4);
+    for integrator in ["ptracer", "bdpt"] {
+        assert!(depth(integrator) == expected, "{integrator}");
+    }
+}
+
+#[test]
+fn light_paths_of_a_pixel_are_explained() {
+    let folder = Folder::new();
+    let output = folder.run(&[
+        "render",
+        SCENE,
+        "--size",
+        "12x12",
+        "--debug-pixel",
+        "6,9",
+        "--integrator",
+        "bdpt:max_depth=4",
+    ]);
+    let text = String::from_utf8_lossy(&output.stdout);
+    for part in [
+        "pixel 6,9 pass 0",
+        "light 1:",
+        "eye 1:",
+        "samples the lens (s = ",
+        "connects the subpaths",
+        "light path ",
+    ] {
+        assert!(text.contains(part), "no {part:?} in {text}");
+    }
+}
+
+#[test]
+fn strategies_are_written_as_layers_and_sheets() {
+    let folder = Folder::new();
+    folder.succeed(&[
+        "render",
+        SCENE,
+        "--size",
+        "12x12",
+        "--spp",
+        "2",
+        "--integrator",
+        "bdpt:max_depth=3",
+        "--strategies",
+        "pyramid",
+        "--quiet",
+    ]);
+    let names: Vec<_> =
+        channels(&folder.path("pyramid/strategies.exr")).into_iter().map(|(name, _)| name).collect();
+    for name in ["weighted.s1t2.R", "unweighted.s2t2.B", "weighted.s3t1.G", "unweighted.s0t4.R"] {
+        assert!(names.iter().any(|n| n == name), "no {name} in {names:?}");
+    }
+    assert!(folder.path("pyramid/weighted.png").exists() && folder.path("pyramid/unweighted.png").exists());
+    let text = folder.fail(&["render", SCENE, "--integrator", "bdpt", "--strategies", "pyramid"], 1);
+    assert!(text.contains("max_depth"), "{text}");
+}
+
+/// Nothing hits a pinhole, and that is said.
+#[test]
+fn a_black_image_is_announced() {
+    let folder = Folder::new();
+    let text = folder.succeed(&[
+        "render",
+        SCENE,
+        "--size",
+        "8x8",
+        "--spp",
+        "1",
+        "--integrator",
+        "ptracer:connect=hit",
+    ]);
+    assert!(text.contains("pinhole"), "{text}");
+}
+
 /// What is wrong is named, with the choices, and nothing is written.
 #[test]
 fn errors_name_the_choices() {
@@ -177,6 +298,13 @@ fn errors_name_the_choices() {
         (&["render", SCENE, "--integrator", "pathh"], 1, &["pathh", "backward"]),
         (&["render", SCENE, "--integrator", "path:depth=3"], 1, &["depth", "max_depth", "rr_depth"]),
         (&["render", SCENE, "--integrator", "path:max_depth=x"], 1, &["max_depth", "`x`", "integer"]),
+        (
+            &["render", SCENE, "--integrator", "ptracer:connect=eye"],
+            1,
+            &["connect", "`eye`", "nee", "hit", "both"],
+        ),
+        (&["render", SCENE, "--integrator", "bdpt:exponent=3"], 1, &["exponent", "`3`", "1 (balance"]),
+        (&["render", SCENE, "--integrator", "bdpt:hide_emitters=true"], 1, &["hide_emitters", "max_depth"]),
         (&["render", SCENE, "--backend", "optix"], 1, &["optix", "obvhs"]),
         (&["render", SCENE, "--backend", "obvhs:robust=true"], 1, &["robust=true", "quality"]),
         (&["render", SCENE, "-o", "image.jpg"], 1, &[".exr", ".png"]),

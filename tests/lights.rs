@@ -10,11 +10,12 @@ use helmholtz::query::BuildQuality;
 use helmholtz::query::obvhs::ObvhsQuery;
 use helmholtz::query::{Ray, RayQuery};
 use helmholtz::scene::{
-    AnalyticKind, AnalyticShape, Emitter, Geometry, Rgb, Scene, SurfacePoint, TriangleMesh,
+    AnalyticKind, AnalyticShape, Emitter, EnvironmentMap, Geometry, Rgb, Scene, Spot, SurfacePoint,
+    TriangleMesh,
 };
 use helmholtz::transport::World;
 
-use crate::scene_builder::{Build, diffuse, empty, quad, sphere};
+use crate::scene_builder::{Build, diffuse, empty, image, quad, sphere};
 use crate::statistics::{FALSE_ALARM_RATE, Family, Moments, Random, chi_squared, z_test_two};
 
 const CELLS: usize = 12;
@@ -264,6 +265,26 @@ fn emission_agrees_with_illumination() {
     let sky = Emitter::Constant { radiance: Rgb::splat(0.5) };
     scenes.push(("point".to_owned(), empty().emitter(point.clone())));
     scenes.push(("constant".to_owned(), empty().emitter(sky.clone())));
+    let axis = Vec3::new(-0.2, -1.0, 0.1).normalize();
+    let spot = Emitter::Spot(Spot {
+        position: Vec3::new(0.3, 0.5, 0.1),
+        axis,
+        intensity: Rgb::splat(6.0),
+        cutoff: 0.5,
+        beam_width: 0.2,
+    });
+    let sun = Emitter::Directional { direction: axis, irradiance: Rgb::splat(2.0) };
+    let mut texels = Random::new(8);
+    let texels = (0..16 * 9).map(|_| [0; 3].map(|_| texels.log_uniform(0.1, 10.0))).collect();
+    let turn = glam::DMat3::from_rotation_z(0.7);
+    let map = EnvironmentMap::new(image(glam::UVec2::new(16, 9), texels), 0.3, turn).expect("a valid map");
+    scenes.push(("spot".to_owned(), empty().emitter(spot.clone())));
+    scenes.push(("directional".to_owned(), empty().emitter(sun.clone())));
+    scenes.push(("map".to_owned(), empty().emitter(Emitter::Map(map.clone()))));
+    scenes.push((
+        "spot, sun and map".to_owned(),
+        empty().emitter(spot).emitter(sun).emitter(Emitter::Map(map)),
+    ));
     let many = charted_lights().into_iter().fold(empty().emitter(point).emitter(sky), |scene, l| {
         scene.shape(l.geometry, diffuse(0.0), Some(Rgb::splat(0.7)))
     });

@@ -244,6 +244,17 @@ fn xml_that_grows_or_nests_without_bound_is_refused() {
         &scene("<alias id='b' as='a'/><alias id='a' as='b'/><shape type='sphere'><ref id='a'/></shape>"),
     );
 
+    // Blends of blends: each twice the one before.
+    let doubled = (1..40).fold("<bsdf type='diffuse' id='b0'/>".to_owned(), |mut s, i| {
+        let _ = write!(
+            s,
+            "<bsdf type='blendbsdf' id='b{i}'><float name='weight' value='0.5'/><ref id='b{0}'/><ref id='b{0}'/></bsdf>",
+            i - 1
+        );
+        s
+    });
+    assert!(refused("xml", &scene(&doubled)).contains("too many others"));
+
     let values = (0..20_000).fold(String::new(), |mut s, i| {
         let _ = write!(s, "<float name='p{i}' value='1'/>");
         s

@@ -28,9 +28,11 @@ def render(path, spp, runs, out):
     import mitsuba
 
     mitsuba.set_variant(VARIANT)
-    drjit.set_thread_count(1)
     start = time.monotonic()
+    # Reading OpenEXR waits forever for a second thread.
+    drjit.set_thread_count(2)
     scene = mitsuba.load_file(str(path))
+    drjit.set_thread_count(1)
     spp = spp or scene.sensors()[0].sampler().sample_count()
     width, height = (int(n) for n in scene.sensors()[0].film().crop_size())
 

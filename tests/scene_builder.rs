@@ -1,9 +1,11 @@
 //! Small scenes made in code, for tests with analytic answers.
 
-use glam::{DAffine3, DVec3, UVec2, UVec3, Vec3};
+use std::sync::Arc;
+
+use glam::{DAffine3, DVec2, DVec3, UVec2, UVec3, Vec3};
 use helmholtz::scene::{
-    AnalyticShape, Camera, Emitter, FilmSettings, Filter, FovAxis, Geometry, IntegratorSettings, Lens,
-    Material, MaterialId, PixelRect, Rgb, Scene, Shape, TriangleMesh,
+    AnalyticShape, Camera, Emitter, FilmSettings, Filter, FovAxis, Geometry, Image, IntegratorSettings, Lens,
+    Material, MaterialId, PixelRect, Rgb, Scene, Shape, Texels, TriangleMesh,
 };
 
 /// A scene of 8x8 pixels without shapes, seen from the origin along +z.
@@ -12,6 +14,7 @@ pub(crate) fn empty() -> Scene {
     Scene {
         shapes: Vec::new(),
         materials: Vec::new(),
+        textures: Vec::new(),
         emitters: Vec::new(),
         camera: Camera {
             to_world: DAffine3::IDENTITY,
@@ -20,6 +23,7 @@ pub(crate) fn empty() -> Scene {
             lens: Lens::Pinhole,
             near_clip: 0.0,
             far_clip: f64::INFINITY,
+            principal_point: DVec2::ZERO,
         },
         film: FilmSettings {
             size,
@@ -53,7 +57,7 @@ impl Build for Scene {
 }
 
 pub(crate) fn diffuse(albedo: f32) -> Material {
-    Material::Diffuse { reflectance: Rgb::splat(albedo) }
+    Material::Diffuse { reflectance: Rgb::splat(albedo).into() }
 }
 
 pub(crate) fn sphere(center: Vec3, radius: f32) -> Geometry {
@@ -112,4 +116,10 @@ pub(crate) fn scaled(mut scene: Scene, scale: f64) -> Scene {
     // The lens is given in camera units.
     scene.camera.to_world = DAffine3::from_scale(DVec3::splat(scale)) * scene.camera.to_world;
     scene
+}
+
+/// An image of floats, rows from the top.
+pub(crate) fn image(size: UVec2, texels: Vec<[f32; 3]>) -> Arc<Image> {
+    let texels = Texels::F32(texels.into_iter().flatten().collect());
+    Arc::new(Image::new(size, 3, texels).expect("as many texels as the size says"))
 }

@@ -17,12 +17,12 @@ use super::progress::Bar;
 use super::{CliError, EXIT_DONE, EXIT_INTERRUPTED, debug_pixel};
 use crate::film::state::{RenderIdentity, load_state, save_state};
 use crate::film::{Aov, AovSet, Film, output};
-use crate::integrators::Integrator;
 use crate::integrators::photon_map::Lookup;
+use crate::integrators::{Integrator, IntegratorError};
 use crate::query::{Backend, RayQuery};
 use crate::render::{Control, Progress, Stop, Target, render};
 use crate::scene::load::{LoadOptions, Loaded, load};
-use crate::scene::{PixelRect, Scene};
+use crate::scene::{IntegratorSettings, PixelRect, Scene};
 use crate::strategies::{self, StrategyImages};
 use crate::transport::World;
 
@@ -174,9 +174,26 @@ impl RenderArgs {
         let settings = &scene.integrator;
         Ok(match (&self.integrator, &settings.name) {
             (Some(spec), _) => Integrator::new(&spec.name, &spec.parameters)?,
-            (None, Some(name)) => Integrator::new(name, &settings.parameters)?,
+            (None, Some(name)) => match Integrator::new(name, &settings.parameters) {
+                Ok(integrator) => integrator,
+                Err(error) => self.replace_integrator(settings, &error)?,
+            },
             (None, None) => Integrator::new("path", &[])?,
         })
+    }
+
+    /// What stands in for an integrator of the scene that there is not, if lenience allows it.
+    fn replace_integrator(
+        &self,
+        settings: &IntegratorSettings,
+        error: &IntegratorError,
+    ) -> Result<Integrator, CliError> {
+        let at = settings.location.as_ref().map(|l| format!("{l}: ")).unwrap_or_default();
+        if !self.lenient {
+            return Err(format!("{at}{error}; --integrator names another, --lenient takes path").into());
+        }
+        eprintln!("warning: {at}{error}; path is used");
+        Ok(Integrator::new("path", &[])?)
     }
 
     fn backend(&self) -> Result<Backend, CliError> {
@@ -217,6 +234,9 @@ impl Job<'_> {
         }
         if let Some(folder) = &self.args.strategies {
             return self.strategies(&world, query, folder);
+        }
+        if let Some(warning) = self.target.integrator.warning(&world) {
+            self.say(&[format!("warning: {warning}")]);
         }
         let identity = self.identity()?;
         let mut film = self.film(&world, &identity)?;

@@ -122,7 +122,7 @@ impl Backward {
                 }
                 break;
             };
-            let vertex = SurfaceVertex::new(world.scene, &hit, &ray);
+            let vertex = SurfaceVertex::new(&world.materials, &hit, &ray);
             observer.segment(walk.mode, depth, &walk.ray, Some(&vertex), walk.beta);
             if !is_caustic {
                 radiance += hit_light(world, &walk, previous, &vertex, depth, observer);
@@ -172,9 +172,12 @@ impl Backward {
 /// Light of the environment, for a walk that left the scene.
 #[inline]
 fn hit_environment<O: PathObserver>(world: &World, walk: &Walk, depth: u32, observer: &mut O) -> Rgb {
-    let Some((_, emitted)) = world.lights.environment() else { return Rgb::ZERO };
-    let weight =
-        if walk.is_delta { 1.0 } else { power_heuristic(walk.pdf_w, world.lights.pdf_environment()) };
+    let emitted = world.lights.le_environment(walk.ray.d);
+    if emitted == Rgb::ZERO {
+        return Rgb::ZERO;
+    }
+    let pdf_environment = || world.lights.pdf_environment(walk.ray.d);
+    let weight = if walk.is_delta { 1.0 } else { power_heuristic(walk.pdf_w, pdf_environment()) };
     let value = walk.beta * emitted;
     observer.contribution(Strategy { s: 0, t: depth + 1 }, None, value, weight);
     value * weight

@@ -46,7 +46,7 @@ const SETS_PER_VERTEX: u32 = 2;
 
 /// The present end of an eye subpath.
 struct EyeVertex<'a> {
-    vertex: &'a SurfaceVertex,
+    vertex: &'a SurfaceVertex<'a>,
     beta: Rgb,
     partials: Partials,
     /// Segments up to here; the vertex is the path's `t = depth + 1`.
@@ -86,11 +86,11 @@ impl Bidirectional {
     }
 
     /// Traces the light path of a slot; its splats and vertices go to `scratch`.
-    pub fn trace_light_path<Q: RayQuery, O: PathObserver>(
+    pub fn trace_light_path<'w, Q: RayQuery, O: PathObserver>(
         &self,
-        pass: &Pass<Q>,
+        pass: &Pass<'w, '_, Q>,
         slot: u64,
-        scratch: &mut Scratch,
+        scratch: &mut Scratch<'w>,
         observer: &mut O,
     ) {
         light_path::trace(pass, self.length, &self.weights(pass), slot, scratch, observer);
@@ -108,13 +108,13 @@ impl Bidirectional {
     }
 
     /// Radiance that arrives along `camera_ray`, a ray of `pixel`, but for what arrives as splats: those go to `scratch`.
-    pub fn sample<Q: RayQuery, O: PathObserver>(
+    pub fn sample<'w, Q: RayQuery, O: PathObserver>(
         &self,
-        pass: &Pass<Q>,
+        pass: &Pass<'w, '_, Q>,
         pixel: IVec2,
         camera_ray: Ray,
         sampler: &Sampler,
-        scratch: &mut Scratch,
+        scratch: &mut Scratch<'w>,
         observer: &mut O,
     ) -> Rgb {
         let weights = self.weights(pass);
@@ -125,16 +125,16 @@ impl Bidirectional {
 }
 
 /// The eye subpath of a sample and what it has gathered.
-struct EyePath<'a, 's, Q, O> {
+struct EyePath<'a, 'w, 's, Q, O> {
     weights: Weights<'a, 's>,
     length: PathLength,
-    pass: &'a Pass<'a, 's, Q>,
-    scratch: &'a mut Scratch,
+    pass: &'a Pass<'w, 's, Q>,
+    scratch: &'a mut Scratch<'w>,
     observer: &'a mut O,
     radiance: Rgb,
 }
 
-impl<Q: RayQuery, O: PathObserver> EyePath<'_, '_, Q, O> {
+impl<Q: RayQuery, O: PathObserver> EyePath<'_, '_, '_, Q, O> {
     fn walk(mut self, camera_ray: Ray, sampler: &Sampler) -> Rgb {
         let h = self.weights.heuristic;
         let max_depth = self.length.limit();
@@ -148,10 +148,13 @@ impl<Q: RayQuery, O: PathObserver> EyePath<'_, '_, Q, O> {
                 self.hit_environment(&walk, flight, depth);
                 break;
             };
-            let vertex = SurfaceVertex::new(self.pass.world.scene, &hit, &walk.ray);
+            let vertex = SurfaceVertex::new(&self.pass.world.materials, &hit, &walk.ray);
             self.observer.segment(walk.mode, depth, &walk.ray, Some(&vertex), walk.beta);
             let cos_in = vertex.cos(vertex.wo);
-            let partials = h.arrive(flight, from.distance_squared(vertex.point.p), cos_in);
+            // Parallel camera rays do not spread.
+            let is_spread = depth > 1 || !self.pass.world.camera.is_parallel();
+            let spread = if is_spread { from.distance_squared(vertex.point.p) } else { 1.0 };
+            let partials = h.arrive(flight, spread, cos_in);
             let end = EyeVertex { vertex: &vertex, beta: walk.beta, partials, depth };
             self.hit_light(&end, from);
             if depth == max_depth {
@@ -188,8 +191,17 @@ impl<Q: RayQuery, O: PathObserver> EyePath<'_, '_, Q, O> {
     /// Strategy (0, t), for a path that left the scene to the environment.
     fn hit_environment(&mut self, walk: &Walk, flight: Flight, depth: u32) {
         let lights = &self.pass.world.lights;
-        let Some((light, emitted)) = lights.environment() else { return };
-        let others = self.weights.environment_hit_others(flight, light, walk.ray.d);
+        let Some(light) = lights.environment() else { return };
+        let emitted = lights.le_environment(walk.ray.d);
+        if emitted == Rgb::ZERO {
+            return;
+        }
+        let others = if depth == 1 && self.pass.world.camera.is_parallel() {
+            // No other strategy finds the one direction in which the camera looks.
+            0.0
+        } else {
+            self.weights.environment_hit_others(flight, light, walk.ray.d)
+        };
         self.add(0, depth, walk.beta * emitted, others);
     }
 

@@ -65,11 +65,11 @@ impl Forward {
     }
 
     /// Traces the light path of a slot; its splats go to `scratch`.
-    pub fn trace_light_path<Q: RayQuery, O: PathObserver>(
+    pub fn trace_light_path<'w, Q: RayQuery, O: PathObserver>(
         &self,
-        pass: &Pass<Q>,
+        pass: &Pass<'w, '_, Q>,
         slot: u64,
-        scratch: &mut Scratch,
+        scratch: &mut Scratch<'w>,
         observer: &mut O,
     ) {
         let weights = Weights {

@@ -22,8 +22,8 @@ use crate::transport::walk::Walk;
 
 /// A vertex of a light path that eye subpaths can be connected to.
 #[derive(Debug, Clone, Copy)]
-pub(super) struct LightVertex {
-    pub(super) vertex: SurfaceVertex,
+pub(super) struct LightVertex<'w> {
+    pub(super) vertex: SurfaceVertex<'w>,
     /// Power that arrives over the density of the path.
     pub(super) beta: Rgb,
     pub(super) partials: Partials,
@@ -38,24 +38,24 @@ pub(super) const CHOICE_SET: u32 = 1;
 pub(super) const SETS_PER_VERTEX: u32 = 2;
 
 /// What is the same all along a light path.
-struct Tracer<'a, 's, Q, O> {
+struct Tracer<'a, 'w, 's, Q, O> {
     weights: &'a Weights<'a, 's>,
     length: PathLength,
-    pass: &'a Pass<'a, 's, Q>,
+    pass: &'a Pass<'w, 's, Q>,
     start: LeSample,
     /// What the start emits over its density.
     power: Rgb,
-    scratch: &'a mut Scratch,
+    scratch: &'a mut Scratch<'w>,
     observer: &'a mut O,
 }
 
 /// Traces the light path of a slot. Its splats and, if there are eye paths, its vertices go to `scratch`.
-pub(super) fn trace<Q: RayQuery, O: PathObserver>(
-    pass: &Pass<Q>,
+pub(super) fn trace<'w, 's, Q: RayQuery, O: PathObserver>(
+    pass: &Pass<'w, 's, Q>,
     length: PathLength,
-    weights: &Weights,
+    weights: &Weights<'_, 's>,
     slot: u64,
-    scratch: &mut Scratch,
+    scratch: &mut Scratch<'w>,
     observer: &mut O,
 ) {
     scratch.light_vertices.clear();
@@ -71,7 +71,7 @@ pub(super) fn trace<Q: RayQuery, O: PathObserver>(
     tracer.walk(&sampler);
 }
 
-impl<Q: RayQuery, O: PathObserver> Tracer<'_, '_, Q, O> {
+impl<Q: RayQuery, O: PathObserver> Tracer<'_, '_, '_, Q, O> {
     /// The walk through the scene. `depth` segments lead to the vertex, which is the path's vertex `s = depth + 1`.
     fn walk(&mut self, sampler: &Sampler) {
         let h = self.weights.heuristic;
@@ -91,7 +91,7 @@ impl<Q: RayQuery, O: PathObserver> Tracer<'_, '_, Q, O> {
                 self.observer.segment(walk.mode, depth, &walk.ray, None, walk.beta);
                 break;
             };
-            let vertex = SurfaceVertex::new(self.pass.world.scene, &hit, &walk.ray);
+            let vertex = SurfaceVertex::new(&self.pass.world.materials, &hit, &walk.ray);
             self.observer.segment(walk.mode, depth, &walk.ray, Some(&vertex), walk.beta);
             if depth == max_depth {
                 break;

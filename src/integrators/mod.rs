@@ -20,9 +20,10 @@ pub use pass::{Pass, Scratch};
 
 use thiserror::Error;
 
+use crate::transport::World;
 use backward::Backward;
 use bidirectional::Bidirectional;
-use forward::Forward;
+use forward::{Connect, Forward};
 use photon_map::PhotonMapper;
 
 /// An integrator with its parameters.
@@ -97,6 +98,16 @@ impl Integrator {
             Self::Forward(forward) => forward.describe(),
             Self::Bidirectional(bidirectional) => bidirectional.describe(),
             Self::PhotonMap(mapper) => mapper.describe(),
+        }
+    }
+
+    /// What a person should know before rendering this world: why the image will be black.
+    pub fn warning(&self, world: &World) -> Option<&'static str> {
+        match self {
+            Self::Forward(Forward { connect: Connect::Hit, .. }) if world.camera.is_delta() => Some(
+                "nothing hits a pinhole: with connect=hit the image is black; use a thinlens sensor or connect=nee",
+            ),
+            _ => None,
         }
     }
 

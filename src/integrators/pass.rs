@@ -91,9 +91,9 @@ impl<Q> Pass<'_, '_, Q> {
 
 /// Memory that one thread works in, used again for path after path.
 #[derive(Debug, Default)]
-pub struct Scratch {
+pub struct Scratch<'w> {
     /// The present light path's vertices that can be connected.
-    pub(super) light_vertices: Vec<LightVertex>,
+    pub(super) light_vertices: Vec<LightVertex<'w>>,
     /// The photons that were found last.
     pub(super) nearest: NearestHeap,
     /// Splats of the present pass.

@@ -95,7 +95,7 @@ impl Weights<'_, '_> {
         let (h, lights) = (self.heuristic, &self.world.lights);
         let end = h.arrive(flight, 1.0, 1.0);
         let (pdf_position, pdf_direction_w) = lights.pdf_le(light, None, -d);
-        h.raise(f64::from(lights.pdf_environment())) * end.d_vcm
+        h.raise(f64::from(lights.pdf_environment(d))) * end.d_vcm
             + h.raise(f64::from(pdf_position) * f64::from(pdf_direction_w)) * end.d_vc
     }
 
@@ -152,19 +152,16 @@ impl Weights<'_, '_> {
         let lights = &self.world.lights;
         let ng = start.point.map(|p| p.ng);
         let (pdf_position, pdf_direction_w) = lights.pdf_le(start.light, ng, -connection.d);
-        let (hit, pdf_camera, pdf_start) = match &start.point {
-            Some(point) => {
-                let distance_squared = connection.p.distance_squared(point.p);
-                let hit = self.hit_over_connect(connection, pdf_direction_w, distance_squared);
-                let cos = f64::from(point.ng.dot(connection.d).abs());
-                (hit, self.camera_pdf(connection, distance_squared) * cos, start.pdf_position)
-            }
-            None => {
-                let pdf_start = lights.pdf_li_of_start(start, connection.p);
-                let pdf_disc = pdf_position * pdf_direction_w / pdf_start;
-                let hit = self.hit_over_connect(connection, pdf_disc, 1.0);
-                (hit, self.camera_pdf(connection, 1.0), pdf_start)
-            }
+        let (hit, pdf_camera, pdf_start) = if let Some(point) = &start.point {
+            let distance_squared = connection.p.distance_squared(point.p);
+            let hit = self.hit_over_connect(connection, pdf_direction_w, distance_squared);
+            let cos = f64::from(point.ng.dot(connection.d).abs());
+            (hit, self.camera_pdf(connection, distance_squared) * cos, start.pdf_position)
+        } else {
+            let pdf_start = lights.pdf_li_of_start(start, connection.p);
+            let pdf_disc = pdf_position * pdf_direction_w / pdf_start;
+            let hit = self.hit_over_connect(connection, pdf_disc, 1.0);
+            (hit, self.camera_pdf(connection, 1.0), pdf_start)
         };
         if self.has_eye_paths {
             hit + self.heuristic.raise(pdf_camera / (f64::from(pdf_start) * self.light_paths))

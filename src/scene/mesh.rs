@@ -1,6 +1,6 @@
 //! Triangle meshes, laid out so that Embree can share the buffers.
 
-use glam::{Vec2, Vec3};
+use glam::{DAffine3, DMat3, Vec2, Vec3};
 use thiserror::Error;
 
 use super::Aabb;
@@ -46,6 +46,19 @@ pub enum MeshError {
     },
 }
 
+/// Numbers on a mesh besides texture coordinates, such as colours of vertices, by name.
+#[derive(Debug, Clone, PartialEq)]
+pub struct MeshAttribute {
+    /// `vertex_...` or `face_...`, as Mitsuba names it.
+    pub name: String,
+    /// One value per triangle instead of one per vertex.
+    pub per_face: bool,
+    /// Numbers in a value, 1 to 4.
+    pub channels: usize,
+    /// The values one after the other.
+    pub values: Vec<f32>,
+}
+
 /// Triangles with shared vertices in world space. Always valid: indices are in range and coordinates are finite.
 #[derive(Debug, Clone)]
 pub struct TriangleMesh {
@@ -54,6 +67,7 @@ pub struct TriangleMesh {
     triangles: Vec<[u32; 3]>,
     normals: Vec<Vec3>,
     uvs: Vec<Vec2>,
+    attributes: Vec<MeshAttribute>,
     flip_normals: bool,
 }
 
@@ -101,7 +115,55 @@ impl TriangleMesh {
         }
         positions.reserve_exact(1);
         positions.push(Vec3::ZERO);
-        Ok(Self { padded_positions: positions, triangles, normals, uvs, flip_normals })
+        Ok(Self {
+            padded_positions: positions,
+            triangles,
+            normals,
+            uvs,
+            attributes: Vec::new(),
+            flip_normals,
+        })
+    }
+
+    /// The mesh with further attributes.
+    ///
+    /// # Errors
+    /// [`MeshError::AttributeCount`] if one has not as many numbers as its name, channels and the mesh ask for.
+    pub fn with_attributes(mut self, attributes: Vec<MeshAttribute>) -> Result<Self, MeshError> {
+        for a in &attributes {
+            let elements = if a.per_face { self.triangles.len() } else { self.positions().len() };
+            if !(1..=4).contains(&a.channels) || a.values.len() != elements * a.channels {
+                let (found, vertices) = (a.values.len(), elements);
+                return Err(MeshError::AttributeCount {
+                    what: "numbers of a mesh attribute",
+                    found,
+                    vertices,
+                });
+            }
+        }
+        self.attributes = attributes;
+        Ok(self)
+    }
+
+    /// Further attributes in the order of the file.
+    pub fn attributes(&self) -> &[MeshAttribute] {
+        &self.attributes
+    }
+
+    /// A copy moved by a map. Normals keep their side: on a flat mesh that a map reflects, vertices run the other way round.
+    ///
+    /// # Errors
+    /// [`MeshError::BadVertex`] if the map moves a vertex too far.
+    pub fn transformed(&self, map: &DAffine3) -> Result<Self, MeshError> {
+        let normal_map = normal_matrix(&map.matrix3);
+        let positions =
+            self.positions().iter().map(|p| map.transform_point3(p.as_dvec3()).as_vec3()).collect();
+        let turn = |n: &Vec3| (normal_map * n.as_dvec3()).normalize_or_zero().as_vec3();
+        let normals = self.normals.iter().map(turn).collect();
+        let is_turned_over = self.normals.is_empty() && map.matrix3.determinant() < 0.0;
+        let flip_normals = self.flip_normals != is_turned_over;
+        Self::new(positions, self.triangles.clone(), normals, self.uvs.clone(), flip_normals)?
+            .with_attributes(self.attributes.clone())
     }
 
     /// World positions, one per vertex.
@@ -157,6 +219,7 @@ impl TriangleMesh {
             + self.triangles.capacity() * size_of::<[u32; 3]>()
             + self.normals.capacity() * size_of::<Vec3>()
             + self.uvs.capacity() * size_of::<Vec2>()
+            + self.attributes.iter().map(|a| a.values.capacity() * size_of::<f32>()).sum::<usize>()
     }
 }
 
@@ -179,4 +242,12 @@ fn are_flat(positions: &[Vec3], triangles: &[[u32; 3]], normals: &[Vec3]) -> Opt
         t.iter().all(|&i| normals[i as usize].as_dvec3().distance_squared(n) < ROUNDING * ROUNDING)
     };
     triangles.iter().all(is_flat).then_some(turned_over)
+}
+
+/// The inverse transpose up to a positive factor, from cofactors, so that it exists for singular maps too
+/// (a rectangle scaled to nothing along its normal is still a rectangle).
+pub(super) fn normal_matrix(m: &DMat3) -> DMat3 {
+    let (x, y, z) = (m.x_axis, m.y_axis, m.z_axis);
+    let sign = if m.determinant() < 0.0 { -1.0 } else { 1.0 };
+    DMat3::from_cols(y.cross(z), z.cross(x), x.cross(y)) * sign
 }

@@ -6,18 +6,24 @@
 
 mod analytic;
 mod camera;
+mod emitter;
+mod image;
 pub mod load;
 mod material;
 mod mesh;
 mod shape;
 mod surface;
+pub mod texture;
 
 pub use analytic::{AnalyticKind, AnalyticShape};
 pub use camera::{Camera, FovAxis, Lens};
-pub use material::{Material, MaterialId, Microfacet};
-pub use mesh::{MeshError, TriangleMesh};
+pub use emitter::{Emitter, EnvironmentMap, Spot};
+pub use image::{Image, Texels};
+pub use material::{Material, MaterialId, Microfacet, Perturbation, Principled};
+pub use mesh::{MeshAttribute, MeshError, TriangleMesh};
 pub use shape::{Aabb, Geometry, Shape};
 pub use surface::SurfacePoint;
+pub use texture::{Bitmap, Input, TexelFilter, Texture, TextureId, Wrap};
 
 use glam::{UVec2, Vec3};
 
@@ -29,23 +35,6 @@ pub type Rgb = Vec3;
 #[inline]
 pub fn luminance(c: Rgb) -> f32 {
     c.dot(Vec3::new(0.212_671, 0.715_160, 0.072_169))
-}
-
-/// A light that is not a surface. Area lights are [`Shape`]s with an [`emission`](Shape::emission).
-#[derive(Debug, Clone, PartialEq)]
-pub enum Emitter {
-    /// A point that radiates the same in all directions.
-    Point {
-        /// World position.
-        position: Vec3,
-        /// Radiant intensity, W/sr.
-        intensity: Rgb,
-    },
-    /// An environment of constant radiance, infinitely far away.
-    Constant {
-        /// Radiance from every direction.
-        radiance: Rgb,
-    },
 }
 
 /// Reconstruction filters with the parameters and defaults of Mitsuba's `rfilter` plugins.
@@ -107,6 +96,8 @@ pub struct IntegratorSettings {
     pub name: Option<String>,
     /// Parameters in file order.
     pub parameters: Vec<(String, String)>,
+    /// Where the file names it, for messages.
+    pub location: Option<load::Location>,
 }
 
 /// A scene as its file describes it.
@@ -116,6 +107,8 @@ pub struct Scene {
     pub shapes: Vec<Shape>,
     /// Materials, shared by shapes.
     pub materials: Vec<Material>,
+    /// Textures, shared by materials; one that is made of others comes after them.
+    pub textures: Vec<Texture>,
     /// Lights that are not surfaces.
     pub emitters: Vec<Emitter>,
     /// The sensor.

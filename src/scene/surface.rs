@@ -117,26 +117,38 @@ impl SurfacePoint {
     /// Direction in which the first texture coordinate grows, which orients anisotropic materials; not normalised.
     /// `None` where there is no such direction: a mesh without texture coordinates, or a triangle that they degenerate on.
     pub fn dp_du(&self, shapes: &[Shape]) -> Option<Vec3> {
+        self.dp_duv(shapes).map(|[by_u, _]| by_u)
+    }
+
+    /// Derivatives of the position by both texture coordinates. `None` as for [`dp_du`](Self::dp_du).
+    pub fn dp_duv(&self, shapes: &[Shape]) -> Option<[Vec3; 2]> {
         let shape = &shapes[self.shape as usize];
-        let tangent = match &shape.geometry {
+        let derivatives = match &shape.geometry {
             Geometry::Mesh(mesh) if mesh.uvs().is_empty() => return None,
             Geometry::Mesh(mesh) => {
                 let [a, b, c] = mesh.corners(self.primitive);
                 let [ta, tb, tc] = mesh.triangles()[self.primitive as usize].map(|i| mesh.uvs()[i as usize]);
-                let (d1, d2) = (tb - ta, tc - ta);
-                // The inverse of a 2x2 matrix; of its determinant only the sign matters for the direction.
-                ((b - a) * d2.y - (c - a) * d1.y) * d1.perp_dot(d2).signum()
+                let (d1, d2) = ((tb - ta).as_dvec2(), (tc - ta).as_dvec2());
+                let (e1, e2) = ((b - a).as_dvec3(), (c - a).as_dvec3());
+                // The inverse of a 2x2 matrix.
+                let determinant = d1.perp_dot(d2);
+                [(e1 * d2.y - e2 * d1.y) / determinant, (e2 * d1.x - e1 * d2.x) / determinant]
             }
             Geometry::Analytic(analytic) => {
                 let q = analytic.to_object().transform_point3(self.p.as_dvec3());
-                let tangent = match analytic.kind() {
-                    AnalyticKind::Disk => q.with_z(0.0),
-                    AnalyticKind::Sphere | AnalyticKind::Cylinder => DVec3::new(-q.y, q.x, 0.0),
+                let round = DVec3::new(-q.y, q.x, 0.0) * TAU;
+                let r = q.x.hypot(q.y);
+                let local = match analytic.kind() {
+                    AnalyticKind::Disk => [q.with_z(0.0) / r, round],
+                    AnalyticKind::Sphere => [round, DVec3::new(q.x * q.z / r, q.y * q.z / r, -r) * PI],
+                    AnalyticKind::Cylinder => [round, DVec3::Z],
                 };
-                analytic.to_world().transform_vector3(tangent).as_vec3()
+                local.map(|d| analytic.to_world().transform_vector3(d))
             }
         };
-        (tangent != Vec3::ZERO).then_some(tangent)
+        let derivatives = derivatives.map(DVec3::as_vec3);
+        let sound = |d: &Vec3| d.is_finite() && *d != Vec3::ZERO;
+        derivatives.iter().all(sound).then_some(derivatives)
     }
 
     /// The surface point of a hit at distance `t` along the ray from `o` in direction `d`.

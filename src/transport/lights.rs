@@ -1,9 +1,12 @@
 //! Emitters, ready to be sampled: from a point that is to be lit (`sample_li`), or as the start of a light path (`sample_le`).
 //!
-//! Each emissive triangle, rectangle or analytic shape, each point light and the environment is one *light*, chosen with
-//! a probability proportional to its power. From a point, triangles, rectangles and spheres are sampled by solid angle where that
+//! Each emissive triangle, rectangle or analytic shape, each point, spot and directional light and the environment is one *light*,
+//! chosen with a probability proportional to its power. What is infinitely far away emits through a disc that covers the bounding sphere. From a point, triangles, rectangles and spheres are sampled by solid angle where that
 //! is well conditioned and by area otherwise; which of the two is a function of light and point alone, so that
 //! [`Lights::pdf_li`] can tell the density of a light point that another technique found.
+
+mod environment;
+mod spot;
 
 use std::f32::consts::{FRAC_1_PI, PI};
 
@@ -21,6 +24,8 @@ use crate::sampling::warp::{
 use crate::scene::{
     AnalyticKind, AnalyticShape, Emitter, Geometry, Rgb, Scene, Shape, SurfacePoint, TriangleMesh, luminance,
 };
+use environment::Environment;
+use spot::SpotLight;
 
 /// Index of a light; see the module's text for what counts as one.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
@@ -43,6 +48,12 @@ enum Light {
     Point {
         position: Vec3,
         intensity: Rgb,
+    },
+    /// Index into `Lights::spots`.
+    Spot(u32),
+    Directional {
+        direction: Vec3,
+        irradiance: Rgb,
     },
     Environment,
 }
@@ -77,7 +88,8 @@ pub struct LiSample {
     pub light: LightId,
     /// Unit direction to the light.
     pub wi: Vec3,
-    /// Radiance arriving if nothing is between; for a point light, intensity over squared distance.
+    /// Radiance arriving if nothing is between; for a point or spot light, intensity over squared distance;
+    /// for a directional light, irradiance.
     pub radiance: Rgb,
     /// Density per solid angle, the choice of the light included; for a delta light the probability of that choice alone.
     pub pdf_w: f32,
@@ -98,14 +110,14 @@ pub struct LeSample {
     pub ray: Ray,
     /// Where it starts, for area lights.
     pub point: Option<SurfacePoint>,
-    /// Emitted radiance; intensity for a point light.
+    /// Emitted radiance in that direction; intensity for a point or spot light, irradiance for a directional light.
     pub radiance: Rgb,
     /// Cosine between ray and normal; 1 where there is no surface.
     pub cos: f32,
     /// Density of the position per area (of the light, or of the disc that distant light comes through), the choice of the light
-    /// included. For a point light the probability of the choice alone.
+    /// included. For a point or spot light the probability of the choice alone.
     pub pdf_position: f32,
-    /// Density of the direction per solid angle.
+    /// Density of the direction per solid angle; 1 for a directional light.
     pub pdf_direction_w: f32,
 }
 
@@ -126,12 +138,13 @@ pub struct Lights<'s> {
     /// One over the area of each light, 0 for those that have none.
     inverse_areas: Vec<f32>,
     rectangles: Vec<Rectangle>,
+    spots: Vec<SpotLight>,
     /// `None` when nothing emits.
     table: Option<AliasTable>,
     /// For each shape, where its primitives begin in `of_primitive`; `NONE` for shapes that do not emit.
     first_primitive: Vec<u32>,
     of_primitive: Vec<u32>,
-    environment: Option<(LightId, Rgb)>,
+    environment: Option<(LightId, Environment<'s>)>,
     bounds: BoundingSphere,
     radiance_unit: f32,
 }
@@ -144,6 +157,7 @@ impl<'s> Lights<'s> {
             all: Vec::new(),
             inverse_areas: Vec::new(),
             rectangles: Vec::new(),
+            spots: Vec::new(),
             table: None,
             first_primitive: vec![NONE; scene.shapes.len()],
             of_primitive: Vec::new(),
@@ -192,17 +206,35 @@ impl<'s> Lights<'s> {
         }
     }
 
-    fn add_emitters(&mut self, emitters: &[Emitter]) {
-        let mut environment = Rgb::ZERO;
+    fn add_emitters(&mut self, emitters: &'s [Emitter]) {
         for emitter in emitters {
-            match *emitter {
-                Emitter::Point { position, intensity } => self.all.push(Light::Point { position, intensity }),
-                Emitter::Constant { radiance } => environment += radiance,
-            }
-        }
-        if environment.max_element() > 0.0 {
-            self.environment = Some((LightId(self.all.len() as u32), environment));
-            self.all.push(Light::Environment);
+            let light = match emitter {
+                Emitter::Point { position, intensity } => {
+                    Light::Point { position: *position, intensity: *intensity }
+                }
+                Emitter::Spot(spot) => {
+                    self.spots.push(SpotLight::new(spot));
+                    Light::Spot(self.spots.len() as u32 - 1)
+                }
+                Emitter::Directional { direction, irradiance } => {
+                    Light::Directional { direction: *direction, irradiance: *irradiance }
+                }
+                Emitter::Constant { .. } | Emitter::Map(_) => {
+                    let environment = match emitter {
+                        Emitter::Constant { radiance } if radiance.max_element() > 0.0 => {
+                            Some(Environment::Constant(*radiance))
+                        }
+                        Emitter::Map(map) => Environment::from_map(map),
+                        _ => None,
+                    };
+                    let Some(environment) = environment.filter(|_| self.environment.is_none()) else {
+                        continue;
+                    };
+                    self.environment = Some((LightId(self.all.len() as u32), environment));
+                    Light::Environment
+                }
+            };
+            self.all.push(light);
         }
     }
 
@@ -215,20 +247,31 @@ impl<'s> Lights<'s> {
                 PI * self.area(light) * y(self.emission(light))
             }
             Light::Point { intensity, .. } => 4.0 * PI * y(intensity),
+            Light::Spot(spot) => {
+                let spot = &self.spots[spot as usize];
+                spot.solid_angle() * y(spot.intensity)
+            }
+            Light::Directional { irradiance, .. } => self.disc_area() * y(irradiance),
             Light::Environment => {
-                let radius = f64::from(self.bounds.radius);
-                PI * (4.0 * PI * radius * radius) * y(self.emission(light))
+                self.disc_area() * self.environment.as_ref().map_or(0.0, |(_, e)| e.fluence())
             }
         }
     }
 
+    /// Radiance of an area light.
     fn emission(&self, light: Light) -> Rgb {
         match light {
             Light::Triangle { shape, .. } | Light::Analytic { shape } => self.shape_emission(shape),
             Light::Rectangle(r) => self.shape_emission(self.rectangles[r as usize].corner.shape),
-            Light::Point { intensity, .. } => intensity,
-            Light::Environment => self.environment.map_or(Rgb::ZERO, |(_, radiance)| radiance),
+            Light::Point { .. } | Light::Spot(_) | Light::Directional { .. } | Light::Environment => {
+                Rgb::ZERO
+            }
         }
+    }
+
+    /// Area of the disc through which distant light comes.
+    fn disc_area(&self) -> f64 {
+        std::f64::consts::PI * f64::from(self.bounds.radius).powi(2)
     }
 
     fn shape_emission(&self, shape: u32) -> Rgb {
@@ -261,21 +304,28 @@ impl<'s> Lights<'s> {
                 r.ex.as_dvec3().cross(r.ey.as_dvec3()).length()
             }
             Light::Analytic { shape } => self.analytic(shape).map_or(0.0, AnalyticShape::area),
-            Light::Point { .. } | Light::Environment => 0.0,
+            Light::Point { .. } | Light::Spot(_) | Light::Directional { .. } | Light::Environment => 0.0,
         }
     }
 
     fn characteristic_radiance(&self) -> f32 {
         let far2 = self.bounds.radius * self.bounds.radius;
         self.all.iter().fold(0.0, |unit: f32, &light| {
-            let brightest = self.emission(light).max_element();
-            let radiance = if matches!(light, Light::Point { .. }) { brightest / far2 } else { brightest };
+            let radiance = match light {
+                Light::Point { intensity, .. } => intensity.max_element() / far2,
+                Light::Spot(spot) => self.spots[spot as usize].intensity.max_element() / far2,
+                Light::Directional { irradiance, .. } => irradiance.max_element() * FRAC_1_PI,
+                Light::Environment => self.environment.as_ref().map_or(0.0, |(_, e)| e.brightest()),
+                Light::Triangle { .. } | Light::Rectangle(_) | Light::Analytic { .. } => {
+                    self.emission(light).max_element()
+                }
+            };
             unit.max(radiance)
         })
     }
 
     /// A radiance that is typical of the scene's brightest parts: of the brightest area light or environment, or what a point light sends
-    /// across the scene. 0 if nothing emits. Scales with emission, which makes it a unit for sums.
+    /// across the scene, or a white surface makes of a directional light. 0 if nothing emits. Scales with emission, which makes it a unit for sums.
     pub fn radiance_unit(&self) -> f32 {
         self.radiance_unit
     }
@@ -296,10 +346,16 @@ impl<'s> Lights<'s> {
         }
     }
 
-    /// Radiance of the environment, and its light.
+    /// The light that is all around, if there is one.
     #[inline]
-    pub fn environment(&self) -> Option<(LightId, Rgb)> {
-        self.environment
+    pub fn environment(&self) -> Option<LightId> {
+        self.environment.as_ref().map(|(light, _)| *light)
+    }
+
+    /// Radiance that arrives from the environment in unit direction `d`, which points away from the scene.
+    #[inline]
+    pub fn le_environment(&self, d: Vec3) -> Rgb {
+        self.environment.as_ref().map_or(Rgb::ZERO, |(_, environment)| environment.le(d))
     }
 
     /// Number of lights.
@@ -332,13 +388,18 @@ impl<'s> Lights<'s> {
         let (id, light, choice) = self.choose(u[0])?;
         let uv = Vec2::new(u[1], u[2]);
         match light {
-            Light::Point { position, intensity } => {
-                let shadow_ray = Ray::spawn_to_point(from, position)?;
-                let to = position - from.p;
+            Light::Point { position, intensity } => point_li(id, from, position, choice, |_| intensity),
+            Light::Spot(spot) => {
+                let spot = &self.spots[spot as usize];
+                point_li(id, from, spot.position, choice, |d| spot.intensity(d))
+            }
+            Light::Directional { direction, irradiance } => {
+                let wi = -direction;
+                let shadow_ray = Ray::spawn(from, wi);
                 Some(LiSample {
                     light: id,
-                    wi: shadow_ray.d,
-                    radiance: intensity / to.length_squared(),
+                    wi,
+                    radiance: irradiance,
                     pdf_w: choice,
                     is_delta: true,
                     ng: None,
@@ -346,11 +407,19 @@ impl<'s> Lights<'s> {
                 })
             }
             Light::Environment => {
-                let wi = square_to_sphere(uv);
-                let radiance = self.emission(light);
+                let (_, environment) = self.environment.as_ref()?;
+                let wi = environment.sample(uv);
+                let (radiance, pdf_w) = (environment.le(wi), choice * environment.pdf_w(wi));
                 let shadow_ray = Ray::spawn(from, wi);
-                let pdf_w = choice * UNIFORM_SPHERE_PDF;
-                Some(LiSample { light: id, wi, radiance, pdf_w, is_delta: false, ng: None, shadow_ray })
+                (pdf_w > 0.0).then_some(LiSample {
+                    light: id,
+                    wi,
+                    radiance,
+                    pdf_w,
+                    is_delta: false,
+                    ng: None,
+                    shadow_ray,
+                })
             }
             Light::Triangle { .. } | Light::Rectangle(_) | Light::Analytic { .. } => {
                 let (point, pdf) = self.sample_area_light(id, light, from.p, uv)?;
@@ -428,7 +497,7 @@ impl<'s> Lights<'s> {
                 }
                 Some((point_on_analytic(analytic, shape, u), by_area))
             }
-            Light::Point { .. } | Light::Environment => None,
+            Light::Point { .. } | Light::Spot(_) | Light::Directional { .. } | Light::Environment => None,
         }
     }
 
@@ -450,7 +519,9 @@ impl<'s> Lights<'s> {
             Light::Analytic { shape } => {
                 self.analytic(shape).and_then(|a| sphere_cone(a, from)).map(|cone| cone.solid_angle())
             }
-            Light::Point { .. } | Light::Environment => return 0.0,
+            Light::Point { .. } | Light::Spot(_) | Light::Directional { .. } | Light::Environment => {
+                return 0.0;
+            }
         };
         let pdf = match solid_angle {
             Some(solid_angle) => AreaPdf::SolidAngle(1.0 / solid_angle),
@@ -459,10 +530,12 @@ impl<'s> Lights<'s> {
         choice * pdf.per_solid_angle(from, on, wi)
     }
 
-    /// Density per solid angle with which [`sample_li`](Self::sample_li) draws a direction to the environment.
+    /// Density per solid angle with which [`sample_li`](Self::sample_li) draws the direction `d` to the environment.
     #[inline]
-    pub fn pdf_environment(&self) -> f32 {
-        self.environment.map_or(0.0, |(light, _)| self.choice_pdf(light) * UNIFORM_SPHERE_PDF)
+    pub fn pdf_environment(&self, d: Vec3) -> f32 {
+        self.environment
+            .as_ref()
+            .map_or(0.0, |(light, environment)| self.choice_pdf(*light) * environment.pdf_w(d))
     }
 
     /// Starts a light path: `choice` chooses the light by power, then `position` and `direction` place and aim the ray.
@@ -479,18 +552,40 @@ impl<'s> Lights<'s> {
                 pdf_position: choice,
                 pdf_direction_w: UNIFORM_SPHERE_PDF,
             }),
-            Light::Environment => {
-                let d = square_to_sphere(direction);
-                let disc = square_to_disc(position) * self.bounds.radius;
-                let o = self.bounds.center + Frame::from_z(d).to_world(disc.extend(-self.bounds.radius));
+            Light::Spot(spot) => {
+                let spot = &self.spots[spot as usize];
+                let d = spot.sample(direction);
                 Some(LeSample {
                     light: id,
-                    ray: Ray::new(o, d),
+                    ray: Ray::new(spot.position, d),
                     point: None,
-                    radiance: self.emission(light),
+                    radiance: spot.intensity(d),
+                    cos: 1.0,
+                    pdf_position: choice,
+                    pdf_direction_w: spot.pdf_w(d),
+                })
+            }
+            Light::Directional { direction: d, irradiance } => Some(LeSample {
+                light: id,
+                ray: self.distant_ray(d, position),
+                point: None,
+                radiance: irradiance,
+                cos: 1.0,
+                pdf_position: choice * self.distant_position_pdf(),
+                pdf_direction_w: 1.0,
+            }),
+            Light::Environment => {
+                let (_, environment) = self.environment.as_ref()?;
+                let towards = environment.sample(direction);
+                let pdf_direction_w = environment.pdf_w(towards);
+                (pdf_direction_w > 0.0).then_some(LeSample {
+                    light: id,
+                    ray: self.distant_ray(-towards, position),
+                    point: None,
+                    radiance: environment.le(towards),
                     cos: 1.0,
                     pdf_position: choice * self.distant_position_pdf(),
-                    pdf_direction_w: UNIFORM_SPHERE_PDF,
+                    pdf_direction_w,
                 })
             }
             Light::Triangle { .. } | Light::Rectangle(_) | Light::Analytic { .. } => {
@@ -521,10 +616,20 @@ impl<'s> Lights<'s> {
                 Some(rectangle.point(u))
             }
             Light::Analytic { shape } => Some(point_on_analytic(self.analytic(shape)?, shape, u)),
-            Light::Point { .. } | Light::Environment => None,
+            Light::Point { .. } | Light::Spot(_) | Light::Directional { .. } | Light::Environment => None,
         }
     }
 
+    /// A ray in direction `d` through the bounding sphere, from outside it.
+    #[inline]
+    fn distant_ray(&self, d: Vec3, position: Vec2) -> Ray {
+        let disc = square_to_disc(position) * self.bounds.radius;
+        let o = self.bounds.center + Frame::from_z(d).to_world(disc.extend(-self.bounds.radius));
+        Ray::new(o, d)
+    }
+
+    /// Density per area across its direction with which distant light is placed.
+    #[inline]
     fn distant_position_pdf(&self) -> f32 {
         FRAC_1_PI / (self.bounds.radius * self.bounds.radius)
     }
@@ -537,7 +642,12 @@ impl<'s> Lights<'s> {
         let inverse_area = self.inverse_areas[light.0 as usize];
         match (self.all[light.0 as usize], ng) {
             (Light::Point { .. }, _) => (choice, UNIFORM_SPHERE_PDF),
-            (Light::Environment, _) => (choice * self.distant_position_pdf(), UNIFORM_SPHERE_PDF),
+            (Light::Spot(spot), _) => (choice, self.spots[spot as usize].pdf_w(d)),
+            (Light::Directional { .. }, _) => (choice * self.distant_position_pdf(), 1.0),
+            (Light::Environment, _) => {
+                let pdf_w = self.environment.as_ref().map_or(0.0, |(_, environment)| environment.pdf_w(-d));
+                (choice * self.distant_position_pdf(), pdf_w)
+            }
             (_, Some(ng)) => (choice * inverse_area, cosine_hemisphere_pdf(ng.dot(d))),
             (_, None) => (0.0, 0.0),
         }
@@ -547,7 +657,7 @@ impl<'s> Lights<'s> {
     #[inline]
     pub fn is_delta(&self, light: LightId) -> bool {
         match self.all[light.0 as usize] {
-            Light::Point { .. } => true,
+            Light::Point { .. } | Light::Spot(_) | Light::Directional { .. } => true,
             Light::Triangle { .. } | Light::Rectangle(_) | Light::Analytic { .. } | Light::Environment => {
                 false
             }
@@ -559,8 +669,10 @@ impl<'s> Lights<'s> {
     #[inline]
     pub fn pdf_li_of_start(&self, start: &LeSample, at: Vec3) -> f32 {
         match (self.all[start.light.0 as usize], &start.point) {
-            (Light::Point { .. }, _) => self.choice_pdf(start.light),
-            (Light::Environment, _) => self.pdf_environment(),
+            (Light::Point { .. } | Light::Spot(_) | Light::Directional { .. }, _) => {
+                self.choice_pdf(start.light)
+            }
+            (Light::Environment, _) => self.pdf_environment(-start.ray.d),
             (_, Some(point)) => self.pdf_li(start.light, at, point, -start.ray.d),
             (_, None) => 0.0,
         }
@@ -576,13 +688,37 @@ impl<'s> Lights<'s> {
         // there is no area.
         let spread = match self.all[light.0 as usize] {
             Light::Point { position, .. } => at.distance_squared(position),
-            Light::Environment => 1.0,
+            Light::Spot(spot) => at.distance_squared(self.spots[spot as usize].position),
+            Light::Directional { .. } | Light::Environment => 1.0,
             Light::Triangle { .. } | Light::Rectangle(_) | Light::Analytic { .. } => {
                 ng.map_or(1.0, |ng| ng.dot(d).abs())
             }
         };
         f64::from(pdf_position) * f64::from(pdf_direction_w) / (f64::from(pdf_li) * f64::from(spread))
     }
+}
+
+/// Light from a point of no size, with the `intensity` that it has in a direction away from it. `None` where that is none.
+#[inline]
+fn point_li(
+    light: LightId,
+    from: &SurfacePoint,
+    position: Vec3,
+    choice: f32,
+    intensity: impl Fn(Vec3) -> Rgb,
+) -> Option<LiSample> {
+    let shadow_ray = Ray::spawn_to_point(from, position)?;
+    let to = position - from.p;
+    let radiance = intensity(-shadow_ray.d) / to.length_squared();
+    (radiance != Rgb::ZERO).then_some(LiSample {
+        light,
+        wi: shadow_ray.d,
+        radiance,
+        pdf_w: choice,
+        is_delta: true,
+        ng: None,
+        shadow_ray,
+    })
 }
 
 /// The density of a point on an area light, in the measure it was drawn in.

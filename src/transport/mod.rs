@@ -16,13 +16,16 @@ pub mod walk;
 use glam::Vec3;
 
 use crate::scene::{Aabb, Scene};
+use bsdf::Materials;
 use camera::CameraModel;
 use lights::Lights;
 
-/// A scene with what light transport derives from it once: light distribution and camera.
+/// A scene with what light transport derives from it once: materials, light distribution and camera.
 pub struct World<'s> {
     /// What the file says.
     pub scene: &'s Scene,
+    /// Materials, ready to become BSDFs.
+    pub materials: Materials<'s>,
     /// Emitters, ready to be sampled.
     pub lights: Lights<'s>,
     /// Camera, ready to be sampled.
@@ -37,7 +40,8 @@ impl<'s> World<'s> {
         let bounds = scene.shapes.iter().fold(Aabb::EMPTY, |b, s| b.union(s.geometry.bounds()));
         let camera = CameraModel::new(&scene.camera, scene.film.size);
         let bounds = BoundingSphere::new(bounds, &camera);
-        Self { scene, lights: Lights::new(scene, bounds), camera, bounds }
+        let materials = Materials::new(scene);
+        Self { scene, materials, lights: Lights::new(scene, bounds), camera, bounds }
     }
 }
 

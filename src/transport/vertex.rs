@@ -2,20 +2,20 @@
 
 use glam::Vec3;
 
-use super::bsdf::{Bsdf, Frame, TransportMode};
+use super::bsdf::{Bsdf, Frame, Materials, TransportMode};
 use super::mis::Turn;
 use crate::query::{Hit, Ray};
-use crate::scene::{Rgb, Scene, SurfacePoint};
+use crate::scene::{Rgb, SurfacePoint};
 
 /// A surface vertex. Immutable once made.
 #[derive(Debug, Clone, Copy)]
-pub struct SurfaceVertex {
+pub struct SurfaceVertex<'s> {
     /// Where.
     pub point: SurfacePoint,
     /// Shading frame.
     pub frame: Frame,
     /// What it is made of there.
-    pub bsdf: Bsdf,
+    pub bsdf: Bsdf<'s>,
     /// Unit direction towards the vertex before, world space.
     pub wo: Vec3,
     /// The same in the shading frame.
@@ -48,13 +48,14 @@ pub struct Evaluation {
     pub pdf_rev_w: f32,
 }
 
-impl SurfaceVertex {
+impl<'s> SurfaceVertex<'s> {
     /// The vertex where `ray` hits a surface.
     #[inline(always)]
-    pub fn new(scene: &Scene, hit: &Hit, ray: &Ray) -> Self {
+    pub fn new(materials: &'s Materials<'s>, hit: &Hit, ray: &Ray) -> Self {
+        let scene = materials.scene();
         let point = hit.surface(&scene.shapes, ray);
         let material = scene.shapes[hit.shape as usize].material;
-        let bsdf = Bsdf::new(&scene.materials, material, &point, point.ns.dot(ray.d) < 0.0);
+        let bsdf = Bsdf::new(materials, material, &point, point.ns.dot(ray.d) < 0.0);
         let tangent = if bsdf.is_anisotropic() { point.dp_du(&scene.shapes) } else { None };
         let frame =
             tangent.map_or_else(|| Frame::from_z(point.ns), |t| Frame::from_z_and_tangent(point.ns, t));

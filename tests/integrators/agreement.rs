@@ -5,10 +5,11 @@
 
 use std::path::Path;
 
+use glam::UVec2;
 use helmholtz::integrators::Integrator;
 use helmholtz::query::RayQuery;
 use helmholtz::scene::load::{LoadOptions, load};
-use helmholtz::scene::{Filter, Scene};
+use helmholtz::scene::{Filter, PixelRect, Scene};
 use helmholtz::transport::World;
 
 use crate::backends::{BackendTest, on_first_backend};
@@ -102,4 +103,24 @@ agreements! {
     roughdielectric: "roughdielectric", &[BDPT, BALANCE, FORWARD], false;
     thinlens: "thinlens", &[BDPT, BALANCE, FORWARD, ("ptracer", "connect=nee")], true;
     transforms: "transforms", &[BDPT, FORWARD], false;
+}
+
+/// The gallery's scenes in which `path` converges, made small.
+#[test]
+fn gallery() {
+    for name in ["cornell-box", "hidden-lamps", "lens", "open-world"] {
+        let path = Path::new(env!("CARGO_MANIFEST_DIR")).join("scenes").join(name).with_extension("xml");
+        let mut scene = load(&path, &LoadOptions::default()).unwrap_or_else(|error| panic!("{error}")).scene;
+        let size = UVec2::splat(32);
+        (scene.film.size, scene.film.crop) = (size, PixelRect { min: UVec2::ZERO, size });
+        scene.film.filter = Filter::Box;
+        let versus = Versus {
+            name,
+            scene: &scene,
+            tested: integrator("bdpt", "max_depth=6"),
+            reference: integrator("path", "max_depth=6"),
+            passes: [8, 64],
+        };
+        on_first_backend(&scene.shapes, &versus);
+    }
 }

@@ -4,7 +4,8 @@ use std::f64::consts::PI;
 
 use glam::{UVec2, Vec3};
 use helmholtz::integrators::Integrator;
-use helmholtz::query::RayQuery;
+use helmholtz::query::obvhs::ObvhsQuery;
+use helmholtz::query::{BuildQuality, RayQuery};
 use helmholtz::scene::{Emitter, Filter, Lens, Material, PixelRect, Rgb, Scene};
 use helmholtz::transport::World;
 
@@ -60,7 +61,7 @@ impl BackendTest for Case<'_> {
             }
             Expected::As(reference) => {
                 let reference = means(self.scene, query, reference, 1000, self.passes);
-                assert!(tested.standard_error() < 0.02 * mean, "{name} is too noisy: {tested:?}");
+                assert!(tested.standard_error() < 0.05 * mean, "{name} is too noisy: {tested:?}");
                 let p = z_test_two(&tested, &reference);
                 family.record(format!("{name} on {backend}: {mean}, {}", reference.mean()), p);
             }
@@ -104,7 +105,11 @@ fn a_point_light_over_a_floor() {
 
 /// A mirror fills the view; in it are a lit floor and a lamp. The lecture: "if the eye sees a mirror, it will be black".
 pub(super) fn mirror() -> Scene {
-    let metal = Material::Conductor { eta: Rgb::ZERO, k: Rgb::ONE, specular_reflectance: Rgb::ONE };
+    let metal = Material::Conductor {
+        eta: Rgb::ZERO.into(),
+        k: Rgb::ONE.into(),
+        specular_reflectance: Rgb::ONE.into(),
+    };
     empty()
         .shape(quad(Vec3::new(-9.0, -9.0, 5.0), Vec3::Y * 18.0, Vec3::X * 18.0), metal, None)
         .shape(quad(Vec3::new(-9.0, -9.0, -3.0), Vec3::X * 18.0, Vec3::Y * 18.0), diffuse(0.7), None)
@@ -134,8 +139,11 @@ fn a_mirror_seen_directly_is_black_by_connections() {
 /// A camera behind a pane of glass, which is what a lens in front of it is.
 #[test]
 fn a_camera_behind_glass_sees_only_by_being_hit() {
-    let glass =
-        Material::Dielectric { eta: 1.5, specular_reflectance: Rgb::ONE, specular_transmittance: Rgb::ONE };
+    let glass = Material::Dielectric {
+        eta: 1.5,
+        specular_reflectance: Rgb::ONE.into(),
+        specular_transmittance: Rgb::ONE.into(),
+    };
     let wall = quad(Vec3::new(-3.0, -3.0, 3.5), Vec3::Y * 6.0, Vec3::X * 6.0);
     let scene = empty().shape(sphere(Vec3::ZERO, 1.5), glass, None).shape(
         wall,
@@ -152,8 +160,11 @@ fn a_camera_behind_glass_sees_only_by_being_hit() {
 /// LS+DE from a point light: light through a glass ball onto a floor. `path` cannot make such a path.
 #[test]
 fn caustics_of_a_point_light_appear() {
-    let glass =
-        Material::Dielectric { eta: 1.5, specular_reflectance: Rgb::ONE, specular_transmittance: Rgb::ONE };
+    let glass = Material::Dielectric {
+        eta: 1.5,
+        specular_reflectance: Rgb::ONE.into(),
+        specular_transmittance: Rgb::ONE.into(),
+    };
     let floor = quad(Vec3::new(-5.0, -5.0, 6.0), Vec3::Y * 10.0, Vec3::X * 10.0);
     let scene = empty()
         .shape(floor, diffuse(0.8), None)
@@ -184,14 +195,19 @@ fn crops_and_sizes_do_not_change_brightness() {
         ("large", UVec2::splat(64), PixelRect { min: UVec2::ZERO, size: UVec2::splat(64) }),
         ("wide", UVec2::new(70, 3), PixelRect { min: UVec2::ZERO, size: UVec2::new(70, 3) }),
     ] {
-        for filter in [Filter::Box, Filter::Gaussian { stddev: 0.5 }] {
-            let mut scene = lit_corner();
-            (scene.film.size, scene.film.crop, scene.film.filter) = (size, crop, filter);
-            let passes = 100_000 / (crop.size.x * crop.size.y);
-            for tested in ["ptracer", "bdpt"] {
-                let path = Expected::As(integrator("path", "max_depth=3"));
-                check(name, &scene, (tested, "max_depth=3"), path, passes);
-            }
+        let mut scene = lit_corner();
+        (scene.film.size, scene.film.crop) = (size, crop);
+        // One that reaches over the borders.
+        scene.film.filter = Filter::Gaussian { stddev: 0.5 };
+        let passes = 20_000 / (crop.size.x * crop.size.y);
+        for tested in ["ptracer", "bdpt"] {
+            check(
+                name,
+                &scene,
+                (tested, "max_depth=3"),
+                Expected::As(integrator("path", "max_depth=3")),
+                passes,
+            );
         }
     }
 }
@@ -199,8 +215,11 @@ fn crops_and_sizes_do_not_change_brightness() {
 /// Radiance does not depend on the unit of length. (Fails where distances are compared with constants, or squares leave the range of f32.)
 #[test]
 fn images_survive_scale() {
-    let glass =
-        Material::Dielectric { eta: 1.5, specular_reflectance: Rgb::ONE, specular_transmittance: Rgb::ONE };
+    let glass = Material::Dielectric {
+        eta: 1.5,
+        specular_reflectance: Rgb::ONE.into(),
+        specular_transmittance: Rgb::ONE.into(),
+    };
     let scene = lit_corner().shape(sphere(Vec3::new(0.5, -0.2, 4.0), 0.6), glass, None);
     for exponent in [-6, 0, 6] {
         let scene = with_lens(scaled(scene.clone(), 10f64.powi(exponent)), 0.2);
@@ -216,7 +235,7 @@ fn images_survive_scale() {
     }
     let mean = |exponent: i32| {
         let scene = with_lens(scaled(scene.clone(), 10f64.powi(exponent)), 0.2);
-        let query = helmholtz::query::obvhs::ObvhsQuery::new(&scene.shapes, Default::default());
+        let query = ObvhsQuery::new(&scene.shapes, BuildQuality::default());
         means(&scene, &query, integrator("bdpt", "max_depth=5"), 0, 128)
     };
     let unit = mean(0);
@@ -232,7 +251,7 @@ fn images_are_linear_in_emission() {
     let mean = |factor: f32| {
         let mut scene = lit_corner();
         scene.shapes[2].emission = Some(Rgb::splat(5.0 * factor));
-        let query = helmholtz::query::obvhs::ObvhsQuery::new(&scene.shapes, Default::default());
+        let query = ObvhsQuery::new(&scene.shapes, BuildQuality::default());
         means(&scene, &query, integrator("bdpt", "max_depth=3"), 0, 4).mean() / f64::from(factor)
     };
     let unit = mean(1.0);

@@ -204,14 +204,21 @@ fn progressive_images_converge() {
 }
 
 fn glass() -> Material {
-    Material::Dielectric { eta: 1.5, specular_reflectance: Rgb::ONE, specular_transmittance: Rgb::ONE }
+    Material::Dielectric {
+        eta: 1.5,
+        specular_reflectance: Rgb::ONE.into(),
+        specular_transmittance: Rgb::ONE.into(),
+    }
 }
 
 /// A glass ball between a lamp and a floor, with a mirror and a wall.
 fn caustic() -> Scene {
     let lamp = quad(Vec3::new(-0.5, 2.5, 4.5), Vec3::X, Vec3::Z);
-    let metal =
-        Material::Conductor { eta: Rgb::ZERO, k: Rgb::ONE, specular_reflectance: Rgb::new(0.9, 0.8, 0.7) };
+    let metal = Material::Conductor {
+        eta: Rgb::ZERO.into(),
+        k: Rgb::ONE.into(),
+        specular_reflectance: Rgb::new(0.9, 0.8, 0.7).into(),
+    };
     empty()
         .shape(quad(Vec3::new(-3.0, -1.5, 2.0), Vec3::Z * 6.0, Vec3::X * 6.0), diffuse(0.7), None)
         .shape(quad(Vec3::new(-3.0, -1.5, 8.0), Vec3::Y * 5.0, Vec3::X * 6.0), diffuse(0.5), None)

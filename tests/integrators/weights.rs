@@ -12,6 +12,7 @@ use helmholtz::scene::{
     Emitter, Lens, Material, Microfacet, PixelRect, Rgb, Scene, SurfacePoint, TriangleMesh,
 };
 use helmholtz::transport::World;
+use helmholtz::transport::bsdf::Materials;
 use helmholtz::transport::bsdf::TransportMode;
 use helmholtz::transport::camera::{CameraConnection, LensHit};
 use helmholtz::transport::lights::{LeSample, LiSample, LightId};
@@ -25,11 +26,11 @@ use crate::statistics::Random;
 const LIGHT_PATHS: f64 = 64.0;
 
 /// A vertex on a surface as both subpaths know it, and the event there if both neighbours belong to one subpath.
-struct Inner {
+struct Inner<'a> {
     /// `wo` towards the light.
-    from_light: SurfaceVertex,
+    from_light: SurfaceVertex<'a>,
     /// `wo` towards the eye.
-    from_eye: SurfaceVertex,
+    from_eye: SurfaceVertex<'a>,
     is_delta: bool,
     /// Index of refraction on the light's side over that on the eye's side.
     eta: f32,
@@ -48,9 +49,9 @@ struct LightEnd {
 }
 
 /// A path from a light to the lens; `inner[0]` is next to the light.
-struct ExplicitPath {
+struct ExplicitPath<'a> {
     light: LightEnd,
-    inner: Vec<Inner>,
+    inner: Vec<Inner<'a>>,
     lens: Vec3,
 }
 
@@ -62,7 +63,7 @@ fn cos(n: Vec3, d: Vec3) -> f64 {
     n.as_dvec3().dot(d.as_dvec3()).abs()
 }
 
-impl ExplicitPath {
+impl ExplicitPath<'_> {
     /// Vertices, lens and light included.
     fn len(&self) -> usize {
         self.inner.len() + 2
@@ -143,8 +144,8 @@ impl ExplicitPath {
         // Of the first vertex alone, and of the second given the first.
         let (first, second) = if self.light.is_infinite {
             (
-                f64::from(lights.pdf_environment()),
-                pdf_position * pdf_direction / f64::from(lights.pdf_environment()),
+                f64::from(lights.pdf_environment(-self.light.d)),
+                pdf_position * pdf_direction / f64::from(lights.pdf_environment(-self.light.d)),
             )
         } else {
             (pdf_position, pdf_direction)
@@ -364,18 +365,23 @@ impl ExplicitPath {
 }
 
 /// A vertex of an eye path that is being drawn, with the event that led on from it.
-struct Drawn {
-    vertex: SurfaceVertex,
+struct Drawn<'a> {
+    vertex: SurfaceVertex<'a>,
     hit: Hit,
     is_delta: bool,
     eta: f32,
 }
 
 /// Puts a path together from the light's end and vertices counted from the eye.
-fn assemble(scene: &Scene, light: LightEnd, drawn: Vec<Drawn>, lens: Vec3) -> ExplicitPath {
+fn assemble<'a>(
+    materials: &'a Materials<'a>,
+    light: LightEnd,
+    drawn: Vec<Drawn>,
+    lens: Vec3,
+) -> ExplicitPath<'a> {
     // Directions from the positions themselves: a spawned ray starts a little beside its vertex.
     let seen_by =
-        |hit: &Hit, p: Vec3, d: Vec3| SurfaceVertex::new(scene, &Hit { t: 0.0, ..*hit }, &Ray::new(p, d));
+        |hit: &Hit, p: Vec3, d: Vec3| SurfaceVertex::new(materials, &Hit { t: 0.0, ..*hit }, &Ray::new(p, d));
     let positions: Vec<Vec3> =
         std::iter::once(lens).chain(drawn.iter().map(|drawn| drawn.vertex.point.p)).collect();
     let mut inner = Vec::new();
@@ -401,20 +407,20 @@ fn draw<Q: RayQuery>(world: &World, query: &Q, random: &mut Random, mut found: i
     let length = 1 + (random.uniform() * GREATEST_LENGTH as f32) as usize;
     while drawn.len() < length {
         let Some(hit) = query.intersect(&ray) else {
-            if let Some((light, _)) = lights.environment() {
+            if let Some(light) = lights.environment() {
                 let end = LightEnd { light, point: None, p: Vec3::ZERO, d: -ray.d, is_infinite: true };
-                found(assemble(scene, end, drawn, camera_ray.o));
+                found(assemble(&world.materials, end, drawn, camera_ray.o));
             }
             return;
         };
-        let vertex = SurfaceVertex::new(scene, &hit, &ray);
+        let vertex = SurfaceVertex::new(&world.materials, &hit, &ray);
         if let Some(light) = lights.light_at(&vertex.point).filter(|_| vertex.point.ng.dot(ray.d) < 0.0) {
             let point = vertex.point;
             // From the vertices themselves: spawned rays start a little beside.
             let from = drawn.last().map_or(camera_ray.o, |last| last.vertex.point.p);
             let d = (from - point.p).normalize();
             let end = LightEnd { light, point: Some(point), p: point.p, d, is_infinite: false };
-            found(assemble(scene, end, drawn, camera_ray.o));
+            found(assemble(&world.materials, end, drawn, camera_ray.o));
             return;
         }
         if drawn.len() + 1 == length {
@@ -428,7 +434,7 @@ fn draw<Q: RayQuery>(world: &World, query: &Q, random: &mut Random, mut found: i
             let (light, d) = (sample.light, (vertex.point.p - p).normalize());
             let end = LightEnd { light, point: None, p, d, is_infinite: false };
             drawn.push(Drawn { vertex, hit, is_delta: false, eta: 1.0 });
-            found(assemble(scene, end, drawn, camera_ray.o));
+            found(assemble(&world.materials, end, drawn, camera_ray.o));
             return;
         }
         let Some(scatter) = vertex.scatter(random.uniform_3d(), TransportMode::Radiance) else { return };
@@ -475,21 +481,24 @@ fn room() -> Scene {
     let size = UVec2::splat(8);
     scene.film.size = size;
     scene.film.crop = PixelRect { min: UVec2::ZERO, size };
-    let glass =
-        Material::Dielectric { eta: 1.5, specular_reflectance: Rgb::ONE, specular_transmittance: Rgb::ONE };
+    let glass = Material::Dielectric {
+        eta: 1.5,
+        specular_reflectance: Rgb::ONE.into(),
+        specular_transmittance: Rgb::ONE.into(),
+    };
     let metal = Material::RoughConductor {
         distribution: Microfacet::Ggx,
-        alpha: [0.15, 0.3],
-        eta: Rgb::splat(0.2),
-        k: Rgb::splat(3.0),
-        specular_reflectance: Rgb::ONE,
+        alpha: [0.15.into(), 0.3.into()],
+        eta: Rgb::splat(0.2).into(),
+        k: Rgb::splat(3.0).into(),
+        specular_reflectance: Rgb::ONE.into(),
     };
     let pane = Material::RoughDielectric {
         distribution: Microfacet::Beckmann,
-        alpha: [0.3; 2],
+        alpha: [0.3.into(); 2],
         eta: 1.4,
-        specular_reflectance: Rgb::ONE,
-        specular_transmittance: Rgb::ONE,
+        specular_reflectance: Rgb::ONE.into(),
+        specular_transmittance: Rgb::ONE.into(),
     };
     let (positions, triangles) = crate::support::icosphere(2);
     let normals: Vec<Vec3> = positions.iter().map(|p| p.as_vec3()).collect();

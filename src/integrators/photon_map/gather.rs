@@ -76,13 +76,13 @@ impl Photons {
 }
 
 /// Caustics of a pass's photons for the backward path tracer.
-struct CausticMap<'a> {
+struct CausticMap<'a, 'w> {
     photons: &'a Photons,
     max_depth: u32,
-    scratch: &'a mut Scratch,
+    scratch: &'a mut Scratch<'w>,
 }
 
-impl Caustics for CausticMap<'_> {
+impl Caustics for CausticMap<'_, '_> {
     const BY_PATHS: bool = false;
 
     fn radiance(&mut self, vertex: &SurfaceVertex, depth: u32) -> Rgb {
@@ -134,10 +134,10 @@ impl PhotonMapper {
             scratch.rays += 1;
             let Some(hit) = query.intersect(&walk.ray) else {
                 observer.segment(walk.mode, depth, &walk.ray, None, walk.beta);
-                radiance += walk.beta * world.lights.environment().map_or(Rgb::ZERO, |(_, emitted)| emitted);
+                radiance += walk.beta * world.lights.le_environment(walk.ray.d);
                 break;
             };
-            let vertex = SurfaceVertex::new(world.scene, &hit, &walk.ray);
+            let vertex = SurfaceVertex::new(&world.materials, &hit, &walk.ray);
             observer.segment(walk.mode, depth, &walk.ray, Some(&vertex), walk.beta);
             radiance += walk.beta * world.lights.le(&vertex.point, vertex.wo);
             if depth == max_depth {
@@ -162,10 +162,10 @@ impl PhotonMapper {
     }
 
     /// What a vertex scatters by lobes that are not delta. `depth` segments lead to it.
-    fn reflected<Q: RayQuery>(
+    fn reflected<'a, Q: RayQuery>(
         &self,
-        pass: &Pass<Q>,
-        vertex: &SurfaceVertex,
+        pass: &Pass<'a, '_, Q>,
+        vertex: &SurfaceVertex<'a>,
         depth: u32,
         (light_u, sampler): ([f32; 3], &Sampler),
         scratch: &mut Scratch,
@@ -192,10 +192,10 @@ impl PhotonMapper {
 
     /// A ray of final gathering, which goes on through delta lobes: the light that it brings from the next surface that is not specular.
     /// Light that comes without such a surface is direct light or a caustic, which have been counted.
-    fn gather<Q: RayQuery>(
+    fn gather<'a, Q: RayQuery>(
         &self,
-        pass: &Pass<Q>,
-        vertex: &SurfaceVertex,
+        pass: &Pass<'a, '_, Q>,
+        vertex: &SurfaceVertex<'a>,
         first_depth: u32,
         (sampler, first_set): (&Sampler, u32),
         scratch: &mut Scratch,
@@ -217,7 +217,7 @@ impl PhotonMapper {
             }
             scratch.rays += 1;
             let Some(hit) = pass.query.intersect(&walk.ray) else { break };
-            vertex = SurfaceVertex::new(pass.world.scene, &hit, &walk.ray);
+            vertex = SurfaceVertex::new(&pass.world.materials, &hit, &walk.ray);
             if !vertex.bsdf.is_delta() {
                 let wanted = Wanted { min_depth: 1, max_depth: max_depth - depth, is_specular: false };
                 radiance += walk.beta * pass.photons.radiance(&vertex, wanted, scratch);

@@ -100,7 +100,7 @@ impl PhotonMapper {
         let last = self.length.limit().saturating_sub(1);
         for depth in 1..=last {
             let Some(hit) = pass.query.intersect(&walk.ray) else { return u64::from(depth) };
-            let vertex = SurfaceVertex::new(pass.world.scene, &hit, &walk.ray);
+            let vertex = SurfaceVertex::new(&pass.world.materials, &hit, &walk.ray);
             if !vertex.bsdf.is_delta() && self.stores(depth, is_specular) {
                 let power = power * walk.beta * vertex.incidence_correction();
                 if power != Rgb::ZERO {

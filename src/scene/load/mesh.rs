@@ -1,8 +1,10 @@
 //! What a mesh file holds, before it is placed in the world; shared by all mesh formats.
 
-use glam::{DAffine3, DMat3, DVec3, Vec2, Vec3};
+use glam::{DAffine3, DVec3, Vec2, Vec3};
 
-use crate::scene::{MeshError, TriangleMesh};
+use super::polygon;
+use crate::scene::mesh::normal_matrix;
+use crate::scene::{MeshAttribute, MeshError, TriangleMesh};
 
 /// Vertices and triangles as a file lists them. Nothing is checked yet; [`place`](Self::place) does.
 #[derive(Debug, Default)]
@@ -13,6 +15,7 @@ pub(super) struct RawMesh {
     /// One per vertex or none at all.
     pub(super) uvs: Vec<Vec2>,
     pub(super) triangles: Vec<[u32; 3]>,
+    pub(super) attributes: Vec<MeshAttribute>,
 }
 
 /// What becomes of normals that are missing from the file.
@@ -44,18 +47,16 @@ impl Placement {
 }
 
 impl RawMesh {
-    /// Splits a polygon into a fan of triangles around its first corner; corners beyond 32 bits, and polygons of less
-    /// than three corners, do not get here.
+    /// Adds the triangles of a polygon of vertices that are known already; see [`polygon::triangulate`].
     pub(super) fn push_polygon(&mut self, corners: &[u32]) {
-        if let [first, rest @ ..] = corners {
-            self.triangles.extend(rest.windows(2).map(|pair| [*first, pair[0], pair[1]]));
-        }
+        polygon::triangulate(corners, &self.positions, &mut self.triangles);
     }
 
-    /// Number of texture coordinates and normals that are not finite; [`place`](Self::place) makes them zero.
+    /// Number of texture coordinates, normals and numbers of attributes that are not finite; [`place`](Self::place) makes them zero.
     pub(super) fn count_bad_attributes(&self) -> usize {
         self.normals.iter().filter(|n| !n.is_finite()).count()
             + self.uvs.iter().filter(|t| !t.is_finite()).count()
+            + self.attributes.iter().flat_map(|a| &a.values).filter(|v| !v.is_finite()).count()
     }
 
     /// The mesh in world space.
@@ -74,6 +75,9 @@ impl RawMesh {
         for n in &mut self.normals {
             *n = (normal_to_world * n.as_dvec3()).normalize_or_zero().as_vec3();
         }
+        for value in self.attributes.iter_mut().flat_map(|a| &mut a.values).filter(|v| !v.is_finite()) {
+            *value = 0.0;
+        }
         if normals == Normals::GivenOrSmooth && self.normals.is_empty() {
             self.normals = smooth_normals(&self.positions, &self.triangles);
         }
@@ -81,16 +85,9 @@ impl RawMesh {
             let flipped = if flip_v { Vec2::new(uv.x, 1.0 - uv.y) } else { *uv };
             *uv = if flipped.is_finite() { flipped } else { Vec2::ZERO };
         }
-        TriangleMesh::new(self.positions, self.triangles, self.normals, self.uvs, flip_normals)
+        TriangleMesh::new(self.positions, self.triangles, self.normals, self.uvs, flip_normals)?
+            .with_attributes(self.attributes)
     }
-}
-
-/// The inverse transpose up to a positive factor, from cofactors, so that it exists for singular maps too
-/// (a rectangle scaled to nothing along its normal is still a rectangle).
-fn normal_matrix(m: &DMat3) -> DMat3 {
-    let (x, y, z) = (m.x_axis, m.y_axis, m.z_axis);
-    let sign = if m.determinant() < 0.0 { -1.0 } else { 1.0 };
-    DMat3::from_cols(y.cross(z), z.cross(x), x.cross(y)) * sign
 }
 
 /// Normals of vertices as the mean of their triangles' normals, weighted by angle (Thuermer and Wuethrich 1998,

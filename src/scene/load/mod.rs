@@ -7,22 +7,26 @@
 //! Loaders do not judge what the renderer makes of a scene: integrators stay text, and nothing is derived.
 
 mod error;
+mod exr;
+mod image;
 mod mesh;
 pub mod mitsuba;
 mod mtl;
 mod obj;
 mod ply;
+mod polygon;
+mod serialized;
 
 pub use error::{LoadError, Location, Position, Severity, Warning};
 
 use std::fs;
 use std::path::{Path, PathBuf};
 
-use glam::{DAffine3, DMat3, DVec3, UVec2, Vec3};
+use glam::{DAffine3, DMat3, DVec2, DVec3, UVec2, Vec3};
 
 use super::{
-    Aabb, Camera, Emitter, FilmSettings, Filter, FovAxis, IntegratorSettings, Lens, Material, MaterialId,
-    PixelRect, Rgb, Scene, Shape,
+    Aabb, Camera, Emitter, FilmSettings, Filter, FovAxis, Image, Input, IntegratorSettings, Lens, Material,
+    MaterialId, PixelRect, Rgb, Scene, Shape, Texture,
 };
 
 /// How to load.
@@ -70,6 +74,16 @@ pub fn load(path: &Path, options: &LoadOptions) -> Result<Loaded, LoadError> {
     Ok(Loaded { scene, warnings: log.warnings, files: log.files })
 }
 
+/// Loads an image file (PNG, JPEG, OpenEXR, Radiance HDR, TGA or BMP) without its alpha channel, as textures are loaded.
+///
+/// # Errors
+/// A file that cannot be read, or is not a valid image of these formats.
+pub fn load_image(path: &Path) -> Result<(Image, Vec<Warning>), LoadError> {
+    let mut log = Log::default();
+    let image = image::read(path, None, image::Content::Color, &mut log)?;
+    Ok((image, log.warnings))
+}
+
 /// What loading leaves behind besides the scene.
 #[derive(Debug, Default)]
 struct Log {
@@ -114,6 +128,20 @@ impl Log {
         if !self.files.iter().any(|f| f == file) {
             self.files.push(file.to_path_buf());
         }
+    }
+
+    /// A file that another one names at `from`, opened to be read in part; and its length.
+    fn open(&mut self, path: &Path, from: &Location) -> Result<(fs::File, u64), LoadError> {
+        let refuse = |why: String| {
+            LoadError::new(from.clone(), format!("file {}: {why}", path.display()), "a readable file")
+        };
+        let metadata = fs::metadata(path).map_err(|e| refuse(format!("cannot be opened ({e})")))?;
+        if !metadata.is_file() {
+            return Err(refuse("is not a regular file".to_owned()));
+        }
+        let file = fs::File::open(path).map_err(|e| refuse(format!("cannot be opened ({e})")))?;
+        self.record(path);
+        Ok((file, metadata.len()))
     }
 
     /// The bytes of a file. `from` is where the file was named, if in another file.
@@ -171,6 +199,7 @@ fn framing_camera(bounds: Aabb) -> Camera {
         lens: Lens::Pinhole,
         near_clip: distance * 1e-4,
         far_clip: distance + 4.0 * radius,
+        principal_point: DVec2::ZERO,
     }
 }
 
@@ -186,7 +215,13 @@ fn bounds_of(shapes: &[Shape]) -> Aabb {
 }
 
 /// The scene of a bare mesh: what the file lacks is chosen and noted.
-fn mesh_scene(path: &Path, shapes: Vec<Shape>, materials: Vec<Material>, log: &mut Log) -> Scene {
+fn mesh_scene(
+    path: &Path,
+    shapes: Vec<Shape>,
+    materials: Vec<Material>,
+    textures: Vec<Texture>,
+    log: &mut Log,
+) -> Scene {
     let camera = framing_camera(bounds_of(&shapes));
     let mut chosen = vec!["a camera that frames the mesh"];
     let mut emitters = Vec::new();
@@ -198,6 +233,7 @@ fn mesh_scene(path: &Path, shapes: Vec<Shape>, materials: Vec<Material>, log: &m
     Scene {
         shapes,
         materials,
+        textures,
         emitters,
         camera,
         film: default_film(),
@@ -219,7 +255,7 @@ fn push(materials: &mut Vec<Material>, material: Material) -> MaterialId {
 }
 
 /// Of lamps that name no material.
-const BLACK: Material = Material::Diffuse { reflectance: Vec3::ZERO };
+const BLACK: Material = Material::Diffuse { reflectance: Input::Constant(Vec3::ZERO) };
 
 /// Mitsuba's default material.
-const GREY: Material = Material::Diffuse { reflectance: Vec3::splat(0.5) };
+const GREY: Material = Material::Diffuse { reflectance: Input::Constant(Vec3::splat(0.5)) };

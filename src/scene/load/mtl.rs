@@ -2,21 +2,28 @@
 //!
 //! MTL describes looks for a fixed-function pipeline, not physical materials, so the translation is a choice:
 //! 1. `Ke` above 0: an area light of that radiance, whatever the surface reflects.
-//! 2. `d` below 1 (or `Tr` above 0) with an `Ni` other than 1: a smooth dielectric of that index.
+//! 2. `d` below 1 (or `Tr` above 0) with an `Ni` other than 1 and without `map_d`: a smooth dielectric of that index.
 //! 3. Else `Ks` above 0 with `Kd` 0: a metal that reflects `Ks`; smooth if `illum` is 3 or 5 (the ray-traced models) or
 //!    `Ns` is 1000, the format's highest; else GGX with alpha = sqrt(2 / (Ns + 2)) (Walter et al. 2007, section 5.2).
 //! 4. Else: diffuse with `Kd`; `Ks` is not used.
 //!
-//! Reflecting materials are two-sided. Textures are not read.
+//! 5. On top of these: `map_d` (alpha, or grey of an image without) times `d`, or `d` below 1 alone, makes holes; `bump` perturbs the
+//!    normal by heights in world units.
+//!
+//! Reflecting materials are two-sided. `map_Kd` is multiplied by `Kd` as the format says, unless that is 0; `map_Ks` colours
+//! metals. Of the options of maps, `-s`, `-o`, `-clamp` and `-bm` count. Other maps are not read.
 
 use std::fmt::Write;
 use std::io::Cursor;
 use std::path::{Path, PathBuf};
 
-use glam::Vec3;
+use glam::{Affine2, Mat2, Vec2, Vec3};
 
-use super::{Location, Log, push, push_two_sided};
-use crate::scene::{Material, MaterialId, Microfacet, Rgb};
+use super::image::{Content, Images};
+use super::{Location, Log, push};
+use crate::scene::{
+    Bitmap, Input, Material, MaterialId, Microfacet, Perturbation, Rgb, TexelFilter, Texture, TextureId, Wrap,
+};
 
 /// The library or libraries that a `mtllib` line names. What is missing or malformed is a warning.
 pub(super) fn load(obj: &Path, names: &Path, log: &mut Log) -> tobj::MTLLoadResult {
@@ -71,45 +78,186 @@ fn sound_lines(path: &Path, text: &str, sound: &mut String, log: &mut Log) {
     }
 }
 
-/// The material and the emission that stand for an MTL material.
-pub(super) fn translate(
-    material: &tobj::Material,
-    obj: &Path,
-    materials: &mut Vec<Material>,
-    log: &mut Log,
-) -> (MaterialId, Option<Rgb>) {
-    let name = &material.name;
-    let mut warn = |message: &str| log.warn(Location::file(obj), format!("material `{name}`: {message}"));
-    if has_texture(material) {
-        warn("textures (map_*, bump) are not read yet; its colours are used alone");
+/// What materials are translated into, and from where textures come.
+pub(super) struct Translator<'a> {
+    obj: &'a Path,
+    images: Images,
+    pub(super) materials: Vec<Material>,
+    pub(super) textures: Vec<Texture>,
+}
+
+/// An image that a material names, and the options that count.
+struct Map {
+    path: PathBuf,
+    to_uv: Affine2,
+    wrap: Wrap,
+    bump_scale: f32,
+}
+
+impl<'a> Translator<'a> {
+    pub(super) fn new(obj: &'a Path) -> Self {
+        Self { obj, images: Images::default(), materials: Vec::new(), textures: Vec::new() }
     }
-    let albedo = |c: Option<[f32; 3]>| c.map(|c| Vec3::from(c).clamp(Vec3::ZERO, Vec3::ONE));
-    let diffuse = albedo(material.diffuse);
-    let specular = albedo(material.specular).unwrap_or(Vec3::ZERO);
-    let emission = material.emissive.map(|c| Vec3::from(c).max(Vec3::ZERO)).filter(|c| *c != Vec3::ZERO);
-    let transparency = material.unknown_param.get("Tr").and_then(|t| t.parse::<f32>().ok());
-    let opacity = material.dissolve.unwrap_or(1.0 - transparency.unwrap_or(0.0));
-    let ior = material.optical_density.filter(|&n| n > 0.0 && n != 1.0);
-    if let (true, Some(eta)) = (opacity < 1.0, ior) {
-        let glass =
-            Material::Dielectric { eta, specular_reflectance: Rgb::ONE, specular_transmittance: Rgb::ONE };
-        return (push(materials, glass), emission);
+
+    /// The material and the emission that stand for an MTL material.
+    pub(super) fn translate(
+        &mut self,
+        material: &tobj::Material,
+        log: &mut Log,
+    ) -> (MaterialId, Option<Rgb>) {
+        let warn = |log: &mut Log, message: &str| {
+            log.warn(Location::file(self.obj), format!("material `{}`: {message}", material.name));
+        };
+        for map in unread_maps(material) {
+            warn(log, &format!("`{map}` is not read"));
+        }
+        let albedo = |c: Option<[f32; 3]>| c.map(|c| Vec3::from(c).clamp(Vec3::ZERO, Vec3::ONE));
+        let diffuse = albedo(material.diffuse);
+        let specular = albedo(material.specular).unwrap_or(Vec3::ZERO);
+        let emission = material.emissive.map(|c| Vec3::from(c).max(Vec3::ZERO)).filter(|c| *c != Vec3::ZERO);
+        let transparency = material.unknown_param.get("Tr").and_then(|t| t.parse::<f32>().ok());
+        let opacity = material.dissolve.unwrap_or(1.0 - transparency.unwrap_or(0.0)).clamp(0.0, 1.0);
+        let ior = material.optical_density.filter(|&n| n > 0.0 && n != 1.0);
+        let holes = self.map(material, material.dissolve_texture.as_deref(), Content::Alpha, true, log);
+        if let (true, Some(eta), None) = (opacity < 1.0, ior, &holes) {
+            let glass = Material::Dielectric {
+                eta,
+                specular_reflectance: Rgb::ONE.into(),
+                specular_transmittance: Rgb::ONE.into(),
+            };
+            return (push(&mut self.materials, glass), emission);
+        }
+        let diffuse_map = self.map(material, material.diffuse_texture.as_deref(), Content::Color, false, log);
+        let is_metal =
+            specular != Vec3::ZERO && diffuse_map.is_none() && diffuse.is_none_or(|d| d == Vec3::ZERO);
+        let reflector = if is_metal {
+            let map = self.map(material, material.specular_texture.as_deref(), Content::Color, false, log);
+            metal(material, self.scaled(map.map(|(texture, _)| texture), specular))
+        } else {
+            let kd = diffuse.filter(|d| diffuse_map.is_none() || *d != Vec3::ZERO);
+            let otherwise = if diffuse_map.is_some() { Vec3::ONE } else { Vec3::splat(0.5) };
+            let map = diffuse_map.map(|(texture, _)| texture);
+            Material::Diffuse { reflectance: self.scaled(map, kd.unwrap_or(otherwise)) }
+        };
+        let mut id = push(&mut self.materials, reflector);
+        let heights = self.map(material, material.normal_texture.as_deref(), Content::Color, true, log);
+        if let Some((texture, scale)) = heights {
+            let by = Perturbation::Bump { texture, scale };
+            let (flip_invalid_normals, use_shadowing_function) = (true, true);
+            let bumpy =
+                Material::Perturbed { by, flip_invalid_normals, use_shadowing_function, material: id };
+            id = push(&mut self.materials, bumpy);
+        }
+        id = push(&mut self.materials, Material::TwoSided { front: id, back: id });
+        let opacity = match holes {
+            Some((texture, _)) if opacity < 1.0 => {
+                let factor = Rgb::splat(opacity);
+                Some(Input::Texture(self.push_texture(Texture::Scale { texture, factor })))
+            }
+            Some((texture, _)) => Some(Input::Texture(texture)),
+            None => (opacity < 1.0).then_some(Input::Constant(opacity)),
+        };
+        if let Some(opacity) = opacity {
+            id = push(&mut self.materials, Material::Mask { opacity, material: id });
+        }
+        (id, emission)
     }
-    if opacity < 1.0 {
-        warn("`d` without an index of refraction is not read yet; it becomes opaque");
+
+    /// The texture of a map, and its `-bm`. An image that cannot be read is a warning.
+    fn map(
+        &mut self,
+        material: &tobj::Material,
+        text: Option<&str>,
+        content: Content,
+        raw: bool,
+        log: &mut Log,
+    ) -> Option<(TextureId, f32)> {
+        let map = parse_map(text?);
+        let path = self.find(&map.path, log);
+        let image = self.images.get(&path, None, content, log).map_err(|e| {
+            let message = format!("material `{}`: {e}; it is left out", material.name);
+            log.warn(Location::file(self.obj), message);
+        });
+        let image = image.ok()?;
+        let bitmap = Bitmap { image, raw, filter: TexelFilter::Bilinear, wrap: map.wrap, to_uv: map.to_uv };
+        Some((self.push_texture(Texture::Bitmap(bitmap)), map.bump_scale))
     }
-    let reflector = if specular != Vec3::ZERO && diffuse.is_none_or(|d| d == Vec3::ZERO) {
-        metal(material, specular)
-    } else {
-        Material::Diffuse { reflectance: diffuse.unwrap_or(Vec3::splat(0.5)) }
+
+    /// Where an image is: as it is named, or by its file name alone, beside the OBJ or a library.
+    fn find(&self, name: &Path, log: &Log) -> PathBuf {
+        let libraries = log.files.iter().filter(|f| f.extension().is_some_and(|e| e == "mtl"));
+        let folders = || [self.obj].into_iter().chain(libraries.clone().map(PathBuf::as_path));
+        let beside = |name: &Path| folders().map(|f| f.with_file_name("").join(name)).find(|p| p.is_file());
+        let alone = || name.file_name().and_then(|n| beside(Path::new(n)));
+        beside(name).or_else(alone).unwrap_or_else(|| self.obj.with_file_name("").join(name))
+    }
+
+    /// A texture times a colour, or the colour alone.
+    fn scaled(&mut self, texture: Option<TextureId>, factor: Rgb) -> Input<Rgb> {
+        match texture {
+            None => Input::Constant(factor),
+            Some(texture) if factor == Rgb::ONE => Input::Texture(texture),
+            Some(texture) => Input::Texture(self.push_texture(Texture::Scale { texture, factor })),
+        }
+    }
+
+    fn push_texture(&mut self, texture: Texture) -> TextureId {
+        self.textures.push(texture);
+        TextureId(self.textures.len() as u32 - 1)
+    }
+}
+
+/// Options and file name of a map. The name is what follows the last option and its values, and may hold spaces.
+fn parse_map(text: &str) -> Map {
+    let (mut scale, mut offset) = (Vec2::ONE, Vec2::ZERO);
+    let (mut wrap, mut bump_scale) = (Wrap::Repeat, 1.0);
+    let mut rest = text.trim();
+    while let Some(option) = rest.split_whitespace().next().filter(|w| w.starts_with('-')) {
+        // Of `-s`, `-o`, `-t` and `-mm` only the first number is needed.
+        let (least, most) = match option {
+            "-s" | "-o" | "-t" => (1, 3),
+            "-mm" => (1, 2),
+            "-bm" | "-boost" | "-texres" | "-clamp" | "-blendu" | "-blendv" | "-cc" | "-imfchan"
+            | "-type" => (1, 1),
+            // A name that begins with a dash.
+            _ => break,
+        };
+        let mut after = rest[option.len()..].trim_start();
+        let mut numbers = Vec::new();
+        for i in 0..most {
+            let word = after.split_whitespace().next().unwrap_or_default();
+            let number = word.parse::<f32>().ok().filter(|x| x.is_finite());
+            if i >= least && number.is_none() {
+                break;
+            }
+            numbers.push(number.unwrap_or(0.0));
+            match (option, word) {
+                ("-clamp", "on") => wrap = Wrap::Clamp,
+                ("-bm", _) => bump_scale = number.unwrap_or(1.0),
+                _ => {}
+            }
+            after = after[word.len()..].trim_start();
+        }
+        let pair = |missing: f32| Vec2::new(numbers[0], numbers.get(1).copied().unwrap_or(missing));
+        match option {
+            "-s" => scale = pair(1.0),
+            "-o" => offset = pair(0.0),
+            _ => {}
+        }
+        rest = after;
+    }
+    // In the file v runs upwards, but rows of images run from the top.
+    let to_uv = Affine2 {
+        matrix2: Mat2::from_diagonal(scale),
+        translation: Vec2::new(offset.x, 1.0 - scale.y - offset.y),
     };
-    (push_two_sided(materials, reflector), emission)
+    Map { path: PathBuf::from(rest.replace('\\', "/")), to_uv, wrap, bump_scale }
 }
 
 /// A metal that reflects `specular` at every angle.
-fn metal(material: &tobj::Material, specular_reflectance: Rgb) -> Material {
+fn metal(material: &tobj::Material, specular_reflectance: Input<Rgb>) -> Material {
     // A perfect mirror, as Mitsuba's conductor `none`.
-    let (eta, k) = (Rgb::ZERO, Rgb::ONE);
+    let (eta, k) = (Rgb::ZERO.into(), Rgb::ONE.into());
     let exponent = material.shininess.unwrap_or(0.0).max(0.0);
     if exponent >= 1000.0 || matches!(material.illumination_model, Some(3 | 5)) {
         return Material::Conductor { eta, k, specular_reflectance };
@@ -117,20 +265,22 @@ fn metal(material: &tobj::Material, specular_reflectance: Rgb) -> Material {
     let alpha = (2.0 / (exponent + 2.0)).sqrt();
     Material::RoughConductor {
         distribution: Microfacet::Ggx,
-        alpha: [alpha; 2],
+        alpha: [alpha.into(); 2],
         eta,
         k,
         specular_reflectance,
     }
 }
 
-fn has_texture(m: &tobj::Material) -> bool {
-    let known = [
-        &m.diffuse_texture,
-        &m.specular_texture,
-        &m.normal_texture,
-        &m.shininess_texture,
-        &m.dissolve_texture,
-    ];
-    known.iter().any(|t| t.is_some()) || m.unknown_param.keys().any(|k| k.starts_with("map_"))
+/// The maps that say something that is not translated.
+fn unread_maps(m: &tobj::Material) -> Vec<&str> {
+    let mut maps: Vec<&str> = m
+        .unknown_param
+        .keys()
+        .map(String::as_str)
+        .filter(|k| k.starts_with("map_") || *k == "norm")
+        .collect();
+    maps.extend(m.shininess_texture.as_ref().map(|_| "map_Ns"));
+    maps.sort_unstable();
+    maps
 }

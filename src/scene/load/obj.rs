@@ -29,8 +29,9 @@ struct Group {
 pub(super) fn load_scene(path: &Path, log: &mut Log) -> Result<Scene, LoadError> {
     let bytes = log.read(path, None)?;
     let (groups, library) = parse(path, &bytes, true, log)?;
-    let mut materials = Vec::new();
-    let translated: Vec<_> = library.iter().map(|m| mtl::translate(m, path, &mut materials, log)).collect();
+    let mut translator = mtl::Translator::new(path);
+    let translated: Vec<_> = library.iter().map(|m| translator.translate(m, log)).collect();
+    let mtl::Translator { mut materials, textures, .. } = translator;
     let mut grey = None;
     let mut shapes = Vec::new();
     for group in groups {
@@ -42,7 +43,7 @@ pub(super) fn load_scene(path: &Path, log: &mut Log) -> Result<Scene, LoadError>
         };
         shapes.push(Shape { name: group.name, geometry: Geometry::Mesh(geometry), material, emission });
     }
-    Ok(mesh_scene(path, shapes, materials, log))
+    Ok(mesh_scene(path, shapes, materials, textures, log))
 }
 
 /// Loads all faces of the file as one mesh; groups and materials are of no concern.
@@ -118,6 +119,7 @@ fn group(model: tobj::Model, path: &Path, log: &mut Log) -> Group {
         normals: mesh.normals.chunks_exact(3).map(Vec3::from_slice).collect(),
         uvs: mesh.texcoords.chunks_exact(2).map(Vec2::from_slice).collect(),
         triangles: Vec::with_capacity(mesh.indices.len() / 3),
+        attributes: Vec::new(),
     };
     // tobj leaves out what a corner lacks, so that the rest cannot be told apart any more.
     let vertices = raw.positions.len();

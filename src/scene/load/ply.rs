@@ -1,19 +1,21 @@
 //! PLY (ASCII and binary of both byte orders) through `ply-rs-bw`.
 //!
 //! Elements are read one by one and converted at once: the crate's own way, a struct per element in one vector, takes
-//! several times the memory. Vertex positions, normals and texture coordinates are used, and faces; other elements and
-//! properties are skipped.
+//! several times the memory. Vertex positions, normals and texture coordinates are used, and faces; numbered
+//! properties of either are kept as attributes; other elements and properties are skipped.
 
 use std::io::{BufRead, Cursor, ErrorKind};
 use std::path::Path;
 
 use glam::{Vec2, Vec3};
 use ply_rs_bw::parser::{ParseError, Parser, Reader};
-use ply_rs_bw::ply::{ElementDef, Encoding, Header, Property, PropertyAccess, PropertyAccessResult};
+use ply_rs_bw::ply::{
+    ElementDef, Encoding, Header, Property, PropertyAccess, PropertyAccessResult, PropertyType, ScalarType,
+};
 
 use super::mesh::{Placement, RawMesh};
 use super::{GREY, LoadError, Location, Log, mesh_scene, push_two_sided};
-use crate::scene::{Geometry, MeshError, Scene, Shape};
+use crate::scene::{Geometry, MeshAttribute, MeshError, Scene, Shape};
 
 /// Loads the file as a scene of one grey shape.
 pub(super) fn load_scene(path: &Path, log: &mut Log) -> Result<Scene, LoadError> {
@@ -22,7 +24,7 @@ pub(super) fn load_scene(path: &Path, log: &mut Log) -> Result<Scene, LoadError>
     let mut materials = Vec::new();
     let material = push_two_sided(&mut materials, GREY);
     let name = path.file_stem().unwrap_or_default().to_string_lossy().into_owned();
-    Ok(mesh_scene(path, vec![Shape { name, geometry, material, emission: None }], materials, log))
+    Ok(mesh_scene(path, vec![Shape { name, geometry, material, emission: None }], materials, Vec::new(), log))
 }
 
 /// Loads the file as a mesh.
@@ -177,11 +179,80 @@ impl Body<'_> {
     }
 }
 
+/// A run of properties that together are an attribute, as Mitsuba names them: `color_0` to `color_2`, or with x, y, z or r, g, b for the digits,
+/// make `vertex_color`; r, g and b by themselves too.
+struct AttributeFields {
+    name: String,
+    fields: Vec<String>,
+    /// Bytes stand for 0 to 1.
+    factor: f32,
+}
+
+fn attribute_fields(element: &ElementDef, prefix: &str) -> Vec<AttributeFields> {
+    const DIGITS: [&str; 4] = ["0123", "1234", "xyzw", "rgba"];
+    let mut found: Vec<AttributeFields> = Vec::new();
+    for (field, property) in &element.properties {
+        let PropertyType::Scalar(scalar) = &property.data_type else { continue };
+        let name = match field.as_str() {
+            "r" | "g" | "b" => "color",
+            _ => match field.rsplit_once('_') {
+                Some((name, digit)) if digit.len() == 1 && DIGITS.iter().any(|d| d.contains(digit)) => name,
+                _ => continue,
+            },
+        };
+        let factor = if matches!(scalar, ScalarType::UChar) { 1.0 / 255.0 } else { 1.0 };
+        let name = format!("{prefix}_{name}");
+        match found.iter_mut().find(|a| a.name == name) {
+            Some(attribute) if attribute.fields.len() < 4 => attribute.fields.push(field.clone()),
+            Some(_) => {}
+            None => found.push(AttributeFields { name, fields: vec![field.clone()], factor }),
+        }
+    }
+    found
+}
+
+/// Values of the attributes of one element, in the order of their fields; kept by the reader of each element.
+#[derive(Default)]
+struct Extra(Vec<(String, f32)>);
+
+impl Extra {
+    fn set(&mut self, name: &str, property: &Property) -> PropertyAccessResult {
+        let Some(value) = property.to_f32_lossy() else { return PropertyAccessResult::Ignored };
+        self.0.push((name.to_owned(), value));
+        PropertyAccessResult::Set
+    }
+
+    /// Appends the values, `times` times, to those of the elements before.
+    fn append(&self, fields: &[AttributeFields], attributes: &mut [MeshAttribute], times: usize) {
+        for (attribute, AttributeFields { fields, factor, .. }) in attributes.iter_mut().zip(fields) {
+            let value = |field: &String| {
+                self.0.iter().find(|(name, _)| name == field).map_or(0.0, |(_, v)| v * factor)
+            };
+            for _ in 0..times {
+                attribute.values.extend(fields.iter().map(value));
+            }
+        }
+    }
+}
+
+fn empty_attributes(fields: &[AttributeFields], per_face: bool) -> Vec<MeshAttribute> {
+    let empty = |a: &AttributeFields| MeshAttribute {
+        name: a.name.clone(),
+        per_face,
+        channels: a.fields.len(),
+        values: Vec::new(),
+    };
+    fields.iter().map(empty).collect()
+}
+
 fn read_vertices(body: &mut Body, element: &ElementDef, mesh: &mut RawMesh) -> Result<(), LoadError> {
     let has = |names: [&str; 2]| names.iter().all(|n| element.properties.contains_key(*n));
     let normals = has(["nx", "ny"]) && element.properties.contains_key("nz");
     let uvs = has(["u", "v"]) || has(["s", "t"]) || has(["texture_u", "texture_v"]);
+    let fields = attribute_fields(element, "vertex");
+    let mut attributes = empty_attributes(&fields, false);
     body.each::<Vertex>(element, |_, vertex| {
+        vertex.extra.append(&fields, &mut attributes, 1);
         mesh.positions.push(vertex.position);
         if normals {
             mesh.normals.push(vertex.normal);
@@ -190,12 +261,16 @@ fn read_vertices(body: &mut Body, element: &ElementDef, mesh: &mut RawMesh) -> R
             mesh.uvs.push(vertex.uv);
         }
         Ok(())
-    })
+    })?;
+    mesh.attributes.extend(attributes);
+    Ok(())
 }
 
 fn read_faces(body: &mut Body, element: &ElementDef, mesh: &mut RawMesh) -> Result<(), LoadError> {
     // Where faces come before the vertices, the mesh as a whole is checked later.
     let vertices = if mesh.positions.is_empty() { usize::MAX } else { mesh.positions.len() };
+    let fields = attribute_fields(element, "face");
+    let mut attributes = empty_attributes(&fields, true);
     body.each::<Face>(element, |_, face| {
         if face.invalid {
             return Err("a vertex index that is negative or not whole".to_owned());
@@ -203,9 +278,13 @@ fn read_faces(body: &mut Body, element: &ElementDef, mesh: &mut RawMesh) -> Resu
         if let Some(index) = face.corners.iter().find(|&&i| i as usize >= vertices) {
             return Err(format!("vertex index {index} of {vertices} vertices"));
         }
+        let before = mesh.triangles.len();
         mesh.push_polygon(&face.corners);
+        face.extra.append(&fields, &mut attributes, mesh.triangles.len() - before);
         Ok(())
-    })
+    })?;
+    mesh.attributes.extend(attributes);
+    Ok(())
 }
 
 /// The crate's messages quote input and span lines; only their first line says what is wrong.
@@ -225,6 +304,7 @@ struct Vertex {
     position: Vec3,
     normal: Vec3,
     uv: Vec2,
+    extra: Extra,
 }
 
 impl Vertex {
@@ -250,7 +330,14 @@ impl PropertyAccess for Vertex {
     }
 
     fn set_property(&mut self, name: &str, property: Property) -> PropertyAccessResult {
-        property.to_f32_lossy().map_or(PropertyAccessResult::Ignored, |value| self.set(name, value))
+        let result =
+            property.to_f32_lossy().map_or(PropertyAccessResult::Ignored, |value| self.set(name, value));
+        match result {
+            PropertyAccessResult::Ignored if name.contains('_') || name.len() == 1 => {
+                self.extra.set(name, &property)
+            }
+            result => result,
+        }
     }
 }
 
@@ -259,6 +346,7 @@ struct Face {
     corners: Vec<u32>,
     /// An index is negative or not whole.
     invalid: bool,
+    extra: Extra,
 }
 
 impl PropertyAccess for Face {
@@ -268,7 +356,7 @@ impl PropertyAccess for Face {
 
     fn set_property(&mut self, name: &str, property: Property) -> PropertyAccessResult {
         if !INDEX_LISTS.contains(&name) {
-            return PropertyAccessResult::Ignored;
+            return self.extra.set(name, &property);
         }
         match property {
             Property::ListUInt(list) => self.corners = list,

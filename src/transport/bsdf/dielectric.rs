@@ -47,6 +47,32 @@ impl Boundary {
         }
     }
 
+    /// Fraction that a thin sheet reflects, with all reflections inside: `R + T R T + T R^3 T + ... = 2R / (1 + R)`.
+    #[inline]
+    fn thin_reflectance(&self, wo: Vec3) -> f32 {
+        let r = fresnel_dielectric(wo.z, wo.x * wo.x + wo.y * wo.y, self.eta).reflectance;
+        2.0 * r / (1.0 + r)
+    }
+
+    /// Reflection or passage of a sheet between two such boundaries.
+    #[inline]
+    pub(super) fn sample_thin(&self, wo: Vec3, u: f32) -> BsdfSample {
+        let reflectance = self.thin_reflectance(wo);
+        let (wi, weight, pdf) = if u < reflectance {
+            (Vec3::new(-wo.x, -wo.y, wo.z), self.reflection, reflectance)
+        } else {
+            (-wo, self.transmission, 1.0 - reflectance)
+        };
+        BsdfSample { wi, weight, pdf, is_delta: true, eta: 1.0 }
+    }
+
+    /// Power reflected and transmitted by a sheet.
+    #[inline]
+    pub(super) fn thin_albedo(&self, wo: Vec3) -> Rgb {
+        let reflectance = self.thin_reflectance(wo);
+        self.reflection * reflectance + self.transmission * (1.0 - reflectance)
+    }
+
     /// Power reflected and transmitted by a smooth boundary.
     #[inline]
     pub(super) fn albedo(&self, wo: Vec3) -> Rgb {

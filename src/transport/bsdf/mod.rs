@@ -17,22 +17,29 @@
 //! assert!((frame.to_local(frame.z) - Vec3::Z).length() < 1e-6);
 //! ```
 
+mod composite;
 mod conductor;
 mod dielectric;
 mod frame;
 pub mod fresnel;
+mod materials;
 pub mod microfacet;
+mod plastic;
+mod principled;
 
 pub use frame::Frame;
+pub use materials::Materials;
 
 use glam::{Vec2, Vec3};
 use std::f32::consts::FRAC_1_PI;
 
 use crate::sampling::warp::{cosine_hemisphere_pdf, square_to_cosine_hemisphere};
-use crate::scene::{Material, MaterialId, Microfacet, Rgb, SurfacePoint};
+use crate::scene::{Input, Material, MaterialId, Microfacet, Rgb, SurfacePoint, Texture};
+use composite::Composite;
 use conductor::{Metal, RoughConductor};
 use dielectric::{Boundary, RoughDielectric};
 use microfacet::Microfacets;
+use plastic::Plastic;
 
 /// What flows along the path that is being extended.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
@@ -74,22 +81,26 @@ pub struct BsdfSample {
 ///
 /// Of what does not transmit light, the other side is black: no path passes from one side to the other. A boundary is known from
 /// both sides, because the density of going back from `wi` is asked for too.
-#[derive(Debug, Clone, Copy, PartialEq)]
-pub struct Bsdf {
-    lobe: Lobe,
+#[derive(Debug, Clone, Copy)]
+pub struct Bsdf<'s> {
+    lobe: Lobe<'s>,
     /// Whether `lobe` is for directions above the surface.
     is_above: bool,
 }
 
 /// What a surface does with light on the side that the local z axis points to.
-#[derive(Debug, Clone, Copy, PartialEq)]
-enum Lobe {
+#[derive(Debug, Clone, Copy)]
+enum Lobe<'s> {
     Black,
     Diffuse { reflectance: Rgb },
     Conductor(Metal),
     RoughConductor(RoughConductor),
     Dielectric(Boundary),
     RoughDielectric(RoughDielectric),
+    ThinDielectric(Boundary),
+    Plastic(Plastic<'s>),
+    Null,
+    Composite(Composite<'s>),
 }
 
 // Copied per path vertex.
@@ -98,23 +109,16 @@ const _: () = assert!(size_of::<Bsdf>() <= 56);
 /// Least product of roughness and `|eta - 1|`: the width in radians of a refracted lobe that f32 directions still resolve.
 const MIN_REFRACTED_WIDTH: f32 = 1e-6;
 
-impl Bsdf {
+impl<'s> Bsdf<'s> {
     /// Prepares a material for paths that arrive from above the shading surface, or from below. A [`Material::TwoSided`] shows the
     /// front of each of its materials; one that refers to a transmitting material, to itself or to none is black (loaders refuse it).
     ///
     /// A rough boundary whose refracted lobe is too narrow for f32 (roughness times `|eta - 1|` below 1e-6) is prepared as
     /// a smooth one, or at the least roughness that can be resolved.
     #[inline(always)]
-    pub fn new(materials: &[Material], id: MaterialId, _point: &SurfacePoint, is_above: bool) -> Self {
-        let lobe = match materials.get(id.0 as usize) {
-            Some(&Material::TwoSided { front, back }) => {
-                Lobe::opaque(materials, if is_above { front } else { back })
-            }
-            Some(material) if is_above => Lobe::new(material),
-            Some(material) => Lobe::new(material).turned_over().unwrap_or(Lobe::Black),
-            None => Lobe::Black,
-        };
-        Self { lobe, is_above }
+    pub fn new(materials: &'s Materials<'s>, id: MaterialId, point: &SurfacePoint, is_above: bool) -> Self {
+        let composite = |id, is_above| Composite::new(materials, id, point, is_above);
+        Self { lobe: Lobe::new(materials, id, point.uv, is_above, composite), is_above }
     }
 
     /// Draws a direction for the path to go on; `u[0]` chooses the lobe, the others the direction, all in [0, 1).
@@ -140,9 +144,9 @@ impl Bsdf {
     /// Density per solid angle with which [`sample`](Self::sample) draws `wi`, without delta lobes. It integrates to the probability
     /// that `sample` returns anything.
     #[inline(always)]
-    pub fn pdf(&self, wo: Vec3, wi: Vec3, _mode: TransportMode) -> f32 {
+    pub fn pdf(&self, wo: Vec3, wi: Vec3, mode: TransportMode) -> f32 {
         let mut other = Lobe::Black;
-        self.facing(wo, &mut other).map_or(0.0, |(lobe, wo, side)| lobe.pdf(wo, wi * side))
+        self.facing(wo, &mut other).map_or(0.0, |(lobe, wo, side)| lobe.pdf(wo, wi * side, mode))
     }
 
     /// Whether there are only delta lobes (or none at all), so that the vertex cannot be connected.
@@ -154,7 +158,14 @@ impl Bsdf {
     /// Whether `u[0]` of [`sample`](Self::sample) matters: there is more than one lobe to choose from.
     #[inline]
     pub fn has_lobes(&self) -> bool {
-        matches!(self.lobe, Lobe::Dielectric(_) | Lobe::RoughDielectric(_))
+        matches!(
+            self.lobe,
+            Lobe::Dielectric(_)
+                | Lobe::RoughDielectric(_)
+                | Lobe::ThinDielectric(_)
+                | Lobe::Plastic(_)
+                | Lobe::Composite(_)
+        )
     }
 
     /// Whether the tangents of the frame matter, and not its normal alone.
@@ -174,7 +185,7 @@ impl Bsdf {
     /// The lobe on `wo`'s side, `wo` in its coordinates, and the factor that turns other directions over too. `other` is where the
     /// lobe is put if it is not the one that was prepared.
     #[inline(always)]
-    fn facing<'a>(&'a self, wo: Vec3, other: &'a mut Lobe) -> Option<(&'a Lobe, Vec3, Vec3)> {
+    fn facing<'a>(&'a self, wo: Vec3, other: &'a mut Lobe<'s>) -> Option<(&'a Lobe<'s>, Vec3, Vec3)> {
         let is_above = wo.z > 0.0;
         // Neither side: in the plane of the surface, or NaN.
         if wo.z == 0.0 || wo.z.is_nan() {
@@ -190,30 +201,95 @@ impl Bsdf {
 }
 
 // Only the diffuse lobe is inlined into integrators. The others do enough work to be worth a call, and would crowd it out.
-impl Lobe {
+impl<'s> Lobe<'s> {
+    /// Prepares a material for the side that is looked at. `composite` makes the lobe of one that is made of others, for a side.
     #[inline(always)]
-    fn new(material: &Material) -> Self {
+    fn new(
+        materials: &'s Materials<'s>,
+        id: MaterialId,
+        uv: Vec2,
+        is_above: bool,
+        composite: impl Fn(MaterialId, bool) -> Composite<'s>,
+    ) -> Self {
+        let textures = &materials.scene().textures;
+        match materials.get(id) {
+            Some(&Material::TwoSided { front, back }) => {
+                let inner = if is_above { front } else { back };
+                if materials.traits(inner).transmits || inner.0 >= id.0 {
+                    return Self::Black;
+                }
+                materials.get(inner).map_or(Self::Black, |material| {
+                    Self::of_material(materials, inner, material, uv, textures, || composite(inner, true))
+                })
+            }
+            Some(material) => {
+                let composite = || composite(id, is_above);
+                let lobe = Self::of_material(materials, id, material, uv, textures, composite);
+                if is_above || matches!(lobe, Self::Composite(_)) {
+                    lobe
+                } else {
+                    lobe.turned_over().unwrap_or(Self::Black)
+                }
+            }
+            None => Self::Black,
+        }
+    }
+
+    /// The front of a material; of composites the side that `composite` makes.
+    #[inline(always)]
+    fn of_material(
+        materials: &'s Materials<'s>,
+        id: MaterialId,
+        material: &Material,
+        uv: Vec2,
+        textures: &[Texture],
+        composite: impl FnOnce() -> Composite<'s>,
+    ) -> Self {
+        let color = |input: Input<Rgb>| input.at(textures, uv);
+        let factor = |input: Input<Rgb>| color(input).clamp(Rgb::ZERO, Rgb::ONE);
+        let boundary = |eta, reflection, transmission| Boundary {
+            eta,
+            reflection: factor(reflection),
+            transmission: factor(transmission),
+        };
         match *material {
-            Material::Diffuse { reflectance } => Self::Diffuse { reflectance },
+            Material::Diffuse { reflectance } => Self::Diffuse { reflectance: factor(reflectance) },
             Material::Conductor { eta, k, specular_reflectance: tint } => {
-                Self::Conductor(Metal { eta, k, tint })
+                Self::Conductor(Metal { eta: color(eta), k: color(k), tint: factor(tint) })
             }
             Material::RoughConductor { distribution, alpha, eta, k, specular_reflectance: tint } => {
-                let facets = Microfacets::new(distribution, alpha, 0.0);
-                Self::RoughConductor(RoughConductor { facets, metal: Metal { eta, k, tint } })
+                let facets = Microfacets::new(distribution, alpha.map(|a| a.at(textures, uv)), 0.0);
+                let metal = Metal { eta: color(eta), k: color(k), tint: factor(tint) };
+                Self::RoughConductor(RoughConductor { facets, metal })
             }
-            Material::Dielectric {
-                eta,
-                specular_reflectance: reflection,
-                specular_transmittance: transmission,
-            } => Self::Dielectric(Boundary { eta, reflection, transmission }),
+            Material::Dielectric { eta, specular_reflectance, specular_transmittance } => {
+                Self::Dielectric(boundary(eta, specular_reflectance, specular_transmittance))
+            }
             Material::RoughDielectric {
                 distribution,
                 alpha,
                 eta,
-                specular_reflectance: reflection,
-                specular_transmittance: transmission,
-            } => Self::rough_dielectric(distribution, alpha, Boundary { eta, reflection, transmission }),
+                specular_reflectance,
+                specular_transmittance,
+            } => {
+                let alpha = alpha.map(|a| a.at(textures, uv));
+                let boundary = boundary(eta, specular_reflectance, specular_transmittance);
+                Self::rough_dielectric(distribution, alpha, boundary)
+            }
+            Material::ThinDielectric { eta, specular_reflectance, specular_transmittance } => {
+                Self::ThinDielectric(boundary(eta, specular_reflectance, specular_transmittance))
+            }
+            Material::Plastic { diffuse_reflectance, specular_reflectance, nonlinear, .. } => {
+                materials.coat(id).map_or(Self::Black, |coat| {
+                    let (diffuse, specular) = (factor(diffuse_reflectance), factor(specular_reflectance));
+                    Self::Plastic(Plastic::new(coat, diffuse, specular, nonlinear))
+                })
+            }
+            Material::Null => Self::Null,
+            Material::Principled(_)
+            | Material::Mask { .. }
+            | Material::Blend { .. }
+            | Material::Perturbed { .. } => Self::Composite(composite()),
             Material::TwoSided { .. } => Self::Black,
         }
     }
@@ -236,16 +312,13 @@ impl Lobe {
             Self::RoughDielectric(RoughDielectric { facets, boundary }) => {
                 Some(Self::RoughDielectric(RoughDielectric { facets, boundary: boundary.turned_over() }))
             }
-            Self::Black | Self::Diffuse { .. } | Self::Conductor(_) | Self::RoughConductor(_) => None,
-        }
-    }
-
-    /// The front of a material inside a two-sided one.
-    #[inline(always)]
-    fn opaque(materials: &[Material], id: MaterialId) -> Self {
-        match materials.get(id.0 as usize).map_or(Self::Black, Self::new) {
-            Self::Dielectric(_) | Self::RoughDielectric(_) => Self::Black,
-            lobe => lobe,
+            Self::ThinDielectric(_) | Self::Null => Some(*self),
+            Self::Composite(composite) => composite.turned_over().map(Self::Composite),
+            Self::Black
+            | Self::Diffuse { .. }
+            | Self::Conductor(_)
+            | Self::RoughConductor(_)
+            | Self::Plastic(_) => None,
         }
     }
 
@@ -263,6 +336,10 @@ impl Lobe {
             Self::RoughConductor(rough) => rough.sample(wo, u_direction),
             Self::Dielectric(boundary) => Some(boundary.sample_smooth(wo, u, mode)),
             Self::RoughDielectric(rough) => rough.sample(wo, u, u_direction, mode),
+            Self::ThinDielectric(sheet) => Some(sheet.sample_thin(wo, u)),
+            Self::Plastic(plastic) => plastic.sample(wo, u, u_direction),
+            Self::Null => Some(BsdfSample { wi: -wo, weight: Rgb::ONE, pdf: 1.0, is_delta: true, eta: 1.0 }),
+            Self::Composite(composite) => composite.sample(wo, [u, u1, u2], mode),
         }
     }
 
@@ -272,23 +349,42 @@ impl Lobe {
             Self::Diffuse { reflectance } if wi.z > 0.0 => *reflectance * FRAC_1_PI,
             Self::RoughConductor(rough) => rough.eval(wo, wi),
             Self::RoughDielectric(rough) => rough.eval(wo, wi, mode),
-            Self::Black | Self::Diffuse { .. } | Self::Conductor(_) | Self::Dielectric(_) => Rgb::ZERO,
+            Self::Plastic(plastic) => plastic.eval(wo, wi),
+            Self::Composite(composite) => composite.eval(wo, wi, mode),
+            Self::Diffuse { .. }
+            | Self::Black
+            | Self::Conductor(_)
+            | Self::Dielectric(_)
+            | Self::ThinDielectric(_)
+            | Self::Null => Rgb::ZERO,
         }
     }
 
     #[inline(always)]
-    fn pdf(&self, wo: Vec3, wi: Vec3) -> f32 {
+    fn pdf(&self, wo: Vec3, wi: Vec3, mode: TransportMode) -> f32 {
         match self {
-            Self::Black | Self::Conductor(_) | Self::Dielectric(_) => 0.0,
+            Self::Black | Self::Conductor(_) | Self::Dielectric(_) | Self::ThinDielectric(_) | Self::Null => {
+                0.0
+            }
             Self::Diffuse { .. } => cosine_hemisphere_pdf(wi.z),
             Self::RoughConductor(rough) => rough.pdf(wo, wi),
             Self::RoughDielectric(rough) => rough.pdf(wo, wi),
+            Self::Plastic(plastic) => plastic.pdf(wo, wi),
+            Self::Composite(composite) => composite.pdf(wo, wi, mode),
         }
     }
 
     #[inline]
     fn is_delta(&self) -> bool {
-        matches!(self, Self::Black | Self::Conductor(_) | Self::Dielectric(_))
+        match self {
+            Self::Black | Self::Conductor(_) | Self::Dielectric(_) | Self::ThinDielectric(_) | Self::Null => {
+                true
+            }
+            Self::Composite(composite) => composite.is_delta(),
+            Self::Diffuse { .. } | Self::RoughConductor(_) | Self::RoughDielectric(_) | Self::Plastic(_) => {
+                false
+            }
+        }
     }
 
     #[inline]
@@ -296,7 +392,9 @@ impl Lobe {
         match self {
             Self::RoughConductor(RoughConductor { facets, .. })
             | Self::RoughDielectric(RoughDielectric { facets, .. }) => facets.is_anisotropic(),
-            Self::Black | Self::Diffuse { .. } | Self::Conductor(_) | Self::Dielectric(_) => false,
+            // Not worth asking its parts.
+            Self::Composite(_) => true,
+            _ => false,
         }
     }
 
@@ -311,6 +409,10 @@ impl Lobe {
             Self::Dielectric(boundary) | Self::RoughDielectric(RoughDielectric { boundary, .. }) => {
                 boundary.albedo(wo)
             }
+            Self::ThinDielectric(sheet) => sheet.thin_albedo(wo),
+            Self::Plastic(plastic) => plastic.albedo(wo),
+            Self::Null => Rgb::ONE,
+            Self::Composite(composite) => composite.albedo(wo),
         }
     }
 }

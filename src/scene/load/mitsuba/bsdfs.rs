@@ -2,9 +2,10 @@
 
 use super::super::LoadError;
 use super::Builder;
+use super::conductors::CONDUCTORS;
 use super::properties::{Kind, Parameter, Plugin, Properties};
 use super::xml::{Category, ObjectId, Span, one_of};
-use crate::scene::{Material, MaterialId, Microfacet, Rgb};
+use crate::scene::{Input, Material, MaterialId, Microfacet, Perturbation, Principled, Rgb};
 
 pub(super) type Build = fn(&Properties, &mut Builder) -> Result<Material, LoadError>;
 
@@ -13,7 +14,7 @@ pub(super) const PLUGINS: &[Plugin<Build>] = &[
         "diffuse",
         "Lambertian reflection",
         &[&[Parameter::new("reflectance", Kind::Reflectance, "0.5", "albedo")]],
-        |p, _| Ok(Material::Diffuse { reflectance: p.color("reflectance")? }),
+        |p, b| Ok(Material::Diffuse { reflectance: b.color_input(p, "reflectance")? }),
     ),
     Plugin::new(
         "twosided",
@@ -23,43 +24,140 @@ pub(super) const PLUGINS: &[Plugin<Build>] = &[
     ),
     Plugin::new("conductor", "smooth metal", &[CONDUCTOR], |p, b| {
         let (eta, k) = conductor_ior(p, b)?;
-        Ok(Material::Conductor { eta, k, specular_reflectance: p.color("specular_reflectance")? })
+        Ok(Material::Conductor { eta, k, specular_reflectance: b.color_input(p, "specular_reflectance")? })
     }),
-    Plugin::new("roughconductor", "rough metal", &[CONDUCTOR, MICROFACET], |p, b| {
+    Plugin::new("roughconductor", "rough metal", &[CONDUCTOR, DISTRIBUTION, ALPHAS], |p, b| {
         let (eta, k) = conductor_ior(p, b)?;
-        let (distribution, alpha) = microfacet(p, b)?;
-        let specular_reflectance = p.color("specular_reflectance")?;
+        let (distribution, alpha) = (distribution(p, b)?, alphas(p, b)?);
+        let specular_reflectance = b.color_input(p, "specular_reflectance")?;
         Ok(Material::RoughConductor { distribution, alpha, eta, k, specular_reflectance })
     }),
-    Plugin::new("dielectric", "smooth boundary between dielectrics", &[DIELECTRIC], |p, _| {
+    Plugin::new("dielectric", "smooth boundary between dielectrics", &[DIELECTRIC, SPECULAR], |p, b| {
         Ok(Material::Dielectric {
             eta: relative_ior(p)?,
-            specular_reflectance: p.color("specular_reflectance")?,
-            specular_transmittance: p.color("specular_transmittance")?,
+            specular_reflectance: b.color_input(p, "specular_reflectance")?,
+            specular_transmittance: b.color_input(p, "specular_transmittance")?,
         })
     }),
     Plugin::new(
         "roughdielectric",
         "rough boundary between dielectrics",
-        &[DIELECTRIC, MICROFACET],
+        &[DIELECTRIC, SPECULAR, DISTRIBUTION, ALPHAS],
         |p, b| {
-            let (distribution, alpha) = microfacet(p, b)?;
-            let eta = relative_ior(p)?;
-            if eta == 1.0 {
-                return Err(p.error(
-                    "int_ior",
-                    "equal indices of refraction inside and outside",
-                    "two that differ",
-                ));
-            }
             Ok(Material::RoughDielectric {
-                distribution,
-                alpha,
-                eta,
-                specular_reflectance: p.color("specular_reflectance")?,
-                specular_transmittance: p.color("specular_transmittance")?,
+                distribution: distribution(p, b)?,
+                alpha: alphas(p, b)?,
+                eta: differing_ior(p)?,
+                specular_reflectance: b.color_input(p, "specular_reflectance")?,
+                specular_transmittance: b.color_input(p, "specular_transmittance")?,
             })
         },
+    ),
+    Plugin::new(
+        "thindielectric",
+        "sheet of a dielectric, such as a pane",
+        &[DIELECTRIC, SPECULAR],
+        |p, b| {
+            Ok(Material::ThinDielectric {
+                eta: relative_ior(p)?,
+                specular_reflectance: b.color_input(p, "specular_reflectance")?,
+                specular_transmittance: b.color_input(p, "specular_transmittance")?,
+            })
+        },
+    ),
+    Plugin::new("plastic", "diffuse base under a smooth coat", &[PLASTIC], |p, b| plastic(p, b, None)),
+    Plugin::new(
+        "roughplastic",
+        "diffuse base under a rough coat",
+        &[PLASTIC, DISTRIBUTION, ALPHA],
+        |p, b| {
+            let roughness = (distribution(p, b)?, roughness(p, "alpha")?);
+            plastic(p, b, Some(roughness))
+        },
+    ),
+    Plugin::new("principled", "Disney's model", &[PRINCIPLED], principled),
+    Plugin::new("null", "nothing: light passes", &[], |_, _| Ok(Material::Null)),
+    Plugin::new(
+        "mask",
+        "a BSDF with holes",
+        &[&[
+            Parameter::new("opacity", Kind::Reflectance, "0.5", "fraction that is there"),
+            Parameter::object(Category::Bsdf, "what is there"),
+        ]],
+        |p, b| Ok(Material::Mask { opacity: b.fraction_input(p, "opacity")?, material: only_bsdf(p, b)? }),
+    ),
+    Plugin::new(
+        "blendbsdf",
+        "two BSDFs, mixed",
+        &[&[
+            Parameter::required("weight", Kind::Reflectance, "fraction of the second"),
+            Parameter::object(Category::Bsdf, "the first and the second"),
+        ]],
+        |p, b| {
+            let parts = bsdfs(p, b)?;
+            let [first, second] = parts[..] else {
+                return Err(p.error("", format!("`blendbsdf` of {} BSDFs", parts.len()), "two"));
+            };
+            Ok(Material::Blend { weight: b.fraction_input(p, "weight")?, first, second })
+        },
+    ),
+    Plugin::new(
+        "bumpmap",
+        "a BSDF with its normal perturbed by heights",
+        &[
+            &[
+                Parameter::object(Category::Texture, "the heights, in world units; set `raw`"),
+                Parameter::new("scale", Kind::Float, "1", "factor on the heights"),
+            ],
+            PERTURBED,
+        ],
+        |p, b| {
+            let Some(texture) = p.optional_object(Category::Texture)? else {
+                return Err(p.error("", "`bumpmap` without a texture", "one"));
+            };
+            let texture = b.texture(texture, p.object.at)?;
+            perturbed(p, b, Perturbation::Bump { texture, scale: p.float("scale")? as f32 })
+        },
+    ),
+    Plugin::new(
+        "normalmap",
+        "a BSDF with its normal replaced",
+        &[
+            &[Parameter::required(
+                "normalmap",
+                Kind::Unbounded,
+                "normals in the local frame, each coordinate from -1..1 to 0..1; set `raw`",
+            )],
+            PERTURBED,
+        ],
+        |p, b| {
+            let normals = b.color_input(p, "normalmap")?;
+            perturbed(p, b, Perturbation::Normal(normals))
+        },
+    ),
+    Plugin::new(
+        "phong",
+        "Mitsuba 0.6; becomes a blend of diffuse and of rough metal with GGX roughness sqrt(2 / (exponent + 2))",
+        &[&[
+            Parameter::new("diffuse_reflectance", Kind::Reflectance, "0.5", "albedo of the diffuse part"),
+            Parameter::new(
+                "specular_reflectance",
+                Kind::Reflectance,
+                "0.2",
+                "albedo of the glossy part; no texture",
+            ),
+            Parameter::new("exponent", Kind::Float, "30", "of the cosine of the glossy part"),
+        ]],
+        phong,
+    ),
+    Plugin::new(
+        "mixturebsdf",
+        "Mitsuba 0.6; becomes a chain of blends",
+        &[&[
+            Parameter::required("weights", Kind::String, "one per BSDF, adding up to 1 or less"),
+            Parameter::object(Category::Bsdf, "what is mixed"),
+        ]],
+        mixture,
     ),
 ];
 
@@ -68,7 +166,7 @@ const CONDUCTOR: &[Parameter] = &[
         "material",
         Kind::String,
         "none",
-        "only `none`, a perfect mirror; other metals by eta and k",
+        "a metal by name (Au, Cu, Al, ...); `none` is a perfect mirror",
     ),
     Parameter::new("eta", Kind::Unbounded, "0", "real part of the index of refraction"),
     Parameter::new("k", Kind::Unbounded, "1", "imaginary part of the index of refraction"),
@@ -77,23 +175,124 @@ const CONDUCTOR: &[Parameter] = &[
 
 const DIELECTRIC: &[Parameter] = &[
     Parameter::new("int_ior", Kind::FloatOrString, "bk7", "index of refraction inside, or a material's name"),
-    Parameter::new(
-        "ext_ior",
-        Kind::FloatOrString,
-        "air",
-        "index of refraction outside, or a material's name",
-    ),
+    EXT_IOR,
+];
+
+const EXT_IOR: Parameter = Parameter::new(
+    "ext_ior",
+    Kind::FloatOrString,
+    "air",
+    "index of refraction outside, or a material's name",
+);
+
+const SPECULAR: &[Parameter] = &[
     Parameter::new("specular_reflectance", Kind::Reflectance, "1", "factor on the reflection"),
     Parameter::new("specular_transmittance", Kind::Reflectance, "1", "factor on the transmission"),
 ];
 
-const MICROFACET: &[Parameter] = &[
+const PLASTIC: &[Parameter] = &[
+    Parameter::new("diffuse_reflectance", Kind::Reflectance, "0.5", "albedo of the base"),
+    Parameter::new("specular_reflectance", Kind::Reflectance, "1", "factor on the coat's reflection"),
+    Parameter::new(
+        "int_ior",
+        Kind::FloatOrString,
+        "polypropylene",
+        "index of refraction of the coat, or a material's name",
+    ),
+    EXT_IOR,
+    Parameter::new("nonlinear", Kind::Boolean, "false", "the base's colour saturates by inner reflections"),
+];
+
+const DISTRIBUTION: &[Parameter] = &[
     Parameter::new("distribution", Kind::String, "beckmann", "of microfacet normals: beckmann or ggx"),
-    Parameter::new("alpha", Kind::Float, "0.1", "roughness"),
-    Parameter::optional("alpha_u", Kind::Float, "roughness along the tangent, with alpha_v"),
-    Parameter::optional("alpha_v", Kind::Float, "roughness across the tangent, with alpha_u"),
     Parameter::new("sample_visible", Kind::Boolean, "true", "sample visible normals; only true"),
 ];
+
+const ALPHA: &[Parameter] = &[Parameter::new("alpha", Kind::Float, "0.1", "roughness")];
+
+const ALPHAS: &[Parameter] = &[
+    Parameter::new("alpha", Kind::FloatOrTexture, "0.1", "roughness"),
+    Parameter::optional("alpha_u", Kind::FloatOrTexture, "roughness along the tangent, with alpha_v"),
+    Parameter::optional("alpha_v", Kind::FloatOrTexture, "roughness across the tangent, with alpha_u"),
+];
+
+const PRINCIPLED: &[Parameter] = &[
+    Parameter::new("base_color", Kind::Reflectance, "0.5", "colour of the base"),
+    Parameter::new("roughness", Kind::FloatOrTexture, "0.5", "square root of the main lobe's roughness"),
+    Parameter::new(
+        "anisotropic",
+        Kind::FloatOrTexture,
+        "0",
+        "how much rougher along than across the tangent",
+    ),
+    Parameter::new("metallic", Kind::FloatOrTexture, "0", "from dielectric to metal"),
+    Parameter::new("spec_trans", Kind::FloatOrTexture, "0", "from opaque to transparent"),
+    Parameter::optional("eta", Kind::Float, "index of refraction inside over outside, instead of specular"),
+    Parameter::new(
+        "specular",
+        Kind::Float,
+        "0.5",
+        "reflection at normal incidence, as an index of refraction",
+    ),
+    Parameter::new(
+        "spec_tint",
+        Kind::FloatOrTexture,
+        "0",
+        "tint of the dielectric reflection by the base colour",
+    ),
+    Parameter::new("sheen", Kind::FloatOrTexture, "0", "reflection at grazing angles as of cloth"),
+    Parameter::new("sheen_tint", Kind::FloatOrTexture, "0", "tint of the sheen by the base colour"),
+    Parameter::new(
+        "flatness",
+        Kind::FloatOrTexture,
+        "0",
+        "from diffuse to an imitation of subsurface scattering",
+    ),
+    Parameter::new("clearcoat", Kind::FloatOrTexture, "0", "amount of a second, white lobe"),
+    Parameter::new("clearcoat_gloss", Kind::FloatOrTexture, "0", "its smoothness"),
+    Parameter::new(
+        "main_specular_sampling_rate",
+        Kind::Float,
+        "1",
+        "no effect: it would only change the noise",
+    ),
+    Parameter::new("clearcoat_sampling_rate", Kind::Float, "1", "no effect: it would only change the noise"),
+    Parameter::new(
+        "diffuse_reflectance_sampling_rate",
+        Kind::Float,
+        "1",
+        "no effect: it would only change the noise",
+    ),
+];
+
+const PERTURBED: &[Parameter] = &[
+    Parameter::new(
+        "flip_invalid_normals",
+        Kind::Boolean,
+        "true",
+        "mirror normals that turn away from the viewer (Schuessler et al. 2017)",
+    ),
+    Parameter::new(
+        "use_shadowing_function",
+        Kind::Boolean,
+        "true",
+        "darken towards the terminator (Estevez et al. 2019)",
+    ),
+    Parameter::object(Category::Bsdf, "what the surface is made of"),
+];
+
+/// All nested BSDFs.
+fn bsdfs(p: &Properties, builder: &mut Builder) -> Result<Vec<MaterialId>, LoadError> {
+    p.objects(Category::Bsdf).map(|(object, at)| builder.material(object, at)).collect()
+}
+
+/// The nested BSDF.
+fn only_bsdf(p: &Properties, builder: &mut Builder) -> Result<MaterialId, LoadError> {
+    match bsdfs(p, builder)?[..] {
+        [only] => Ok(only),
+        ref parts => Err(p.error("", format!("`{}` of {} BSDFs", p.object.plugin, parts.len()), "one")),
+    }
+}
 
 fn two_sided(p: &Properties, builder: &mut Builder) -> Result<Material, LoadError> {
     let mut sides = Vec::new();
@@ -118,47 +317,213 @@ fn one_sided(
     builder: &mut Builder,
 ) -> Result<MaterialId, LoadError> {
     let id = builder.material(object, at)?;
-    match builder.materials[id.0 as usize] {
-        Material::TwoSided { front, .. } => Ok(front),
-        Material::Dielectric { .. } | Material::RoughDielectric { .. } => {
+    match &builder.materials[id.0 as usize] {
+        Material::TwoSided { front, .. } => Ok(*front),
+        material if material.transmits(&builder.materials) => {
             Err(p.document.error(at, "a BSDF with transmission in `twosided`", "one that only reflects"))
         }
         _ => Ok(id),
     }
 }
 
-fn conductor_ior(p: &Properties, builder: &mut Builder) -> Result<(Rgb, Rgb), LoadError> {
-    if p.string("material")? != "none" {
-        let error = p.bad_value("material", "`none`, or the metal by eta and k");
-        builder.log.unsupported(error, "a perfect mirror is used")?;
+fn conductor_ior(p: &Properties, builder: &mut Builder) -> Result<(Input<Rgb>, Input<Rgb>), LoadError> {
+    let name = p.string("material")?;
+    if name == "none" {
+        return Ok((builder.color_input(p, "eta")?, builder.color_input(p, "k")?));
     }
-    Ok((p.color("eta")?, p.color("k")?))
+    p.exclusive("material", "eta")?;
+    p.exclusive("material", "k")?;
+    if let Some(&(_, eta, k)) = CONDUCTORS.iter().find(|(n, ..)| *n == name) {
+        return Ok((Rgb::from(eta).into(), Rgb::from(k).into()));
+    }
+    let names: Vec<_> = ["none"].into_iter().chain(CONDUCTORS.iter().map(|(n, ..)| *n)).collect();
+    let error = p.bad_value("material", format!("{}; or the metal by eta and k", one_of(&names)));
+    builder.log.unsupported(error, "a perfect mirror is used")?;
+    Ok((Rgb::ZERO.into(), Rgb::ONE.into()))
 }
 
-fn microfacet(p: &Properties, builder: &mut Builder) -> Result<(Microfacet, [f32; 2]), LoadError> {
-    let distribution =
-        p.choice("distribution", &[("beckmann", Microfacet::Beckmann), ("ggx", Microfacet::Ggx)])?;
+fn distribution(p: &Properties, builder: &mut Builder) -> Result<Microfacet, LoadError> {
     if !p.boolean("sample_visible")? {
         let error = p.bad_value("sample_visible", "`true`; it only changes the noise");
         builder.log.unsupported(error, "`true` is used")?;
     }
-    p.exclusive("alpha", "alpha_u")?;
-    p.exclusive("alpha", "alpha_v")?;
-    let names =
-        if p.has("alpha_u") || p.has("alpha_v") { ["alpha_u", "alpha_v"] } else { ["alpha", "alpha"] };
-    if let Some(missing) = names.iter().find(|n| **n != "alpha" && !p.has(n)) {
-        return Err(p.error(
-            "",
-            format!("one of alpha_u and alpha_v without `{missing}`"),
-            "both or neither",
-        ));
-    }
-    Ok((distribution, [roughness(p, names[0])?, roughness(p, names[1])?]))
+    p.choice("distribution", &[("beckmann", Microfacet::Beckmann), ("ggx", Microfacet::Ggx)])
+}
+
+fn alphas(p: &Properties, builder: &mut Builder) -> Result<[Input<f32>; 2], LoadError> {
+    let given = |name| Ok::<_, LoadError>(p.has(name) || p.texture(name)?.is_some());
+    let [both, u, v] = [given("alpha")?, given("alpha_u")?, given("alpha_v")?];
+    let names = match (both, u, v) {
+        (_, false, false) => ["alpha", "alpha"],
+        (false, true, true) => ["alpha_u", "alpha_v"],
+        (true, ..) => return Err(p.error("alpha", "both `alpha` and alpha_u or alpha_v", "one of them")),
+        (false, true, false) | (false, false, true) => {
+            let missing = if u { "alpha_v" } else { "alpha_u" };
+            let found = format!("one of alpha_u and alpha_v without `{missing}`");
+            return Err(p.error("", found, "both or neither"));
+        }
+    };
+    let mut alpha = |name| match p.texture(name)? {
+        Some(_) => builder.float_input(p, name),
+        None => roughness(p, name).map(Input::Constant),
+    };
+    Ok([alpha(names[0])?, alpha(names[1])?])
 }
 
 fn roughness(p: &Properties, name: &str) -> Result<f32, LoadError> {
     let alpha = p.positive(name)?;
     if alpha > 1.0 { Err(p.bad_value(name, "a roughness above 0 and at most 1")) } else { Ok(alpha as f32) }
+}
+
+fn plastic(
+    p: &Properties,
+    builder: &mut Builder,
+    roughness: Option<(Microfacet, f32)>,
+) -> Result<Material, LoadError> {
+    Ok(Material::Plastic {
+        roughness,
+        eta: differing_ior(p)?,
+        diffuse_reflectance: builder.color_input(p, "diffuse_reflectance")?,
+        specular_reflectance: builder.color_input(p, "specular_reflectance")?,
+        nonlinear: p.boolean("nonlinear")?,
+    })
+}
+
+fn principled(p: &Properties, builder: &mut Builder) -> Result<Material, LoadError> {
+    p.exclusive("eta", "specular")?;
+    let eta = match p.optional_float("eta") {
+        Some(eta) if eta > 0.0 && (eta as f32).is_finite() => eta,
+        Some(_) => return Err(p.bad_value("eta", "a number above 0")),
+        // The index whose reflectance at normal incidence is 0.08 times the parameter.
+        None => 2.0 / (1.0 - (0.08 * fraction(p, "specular", p.float("specular")?)?).sqrt()) - 1.0,
+    };
+    for name in
+        ["main_specular_sampling_rate", "clearcoat_sampling_rate", "diffuse_reflectance_sampling_rate"]
+    {
+        p.ignore(name);
+    }
+    let mut input = |name| {
+        let input = builder.float_input(p, name)?;
+        if let Input::Constant(x) = input {
+            fraction(p, name, f64::from(x))?;
+        }
+        Ok::<_, LoadError>(input)
+    };
+    Ok(Material::Principled(Box::new(Principled {
+        roughness: input("roughness")?,
+        anisotropic: input("anisotropic")?,
+        metallic: input("metallic")?,
+        spec_trans: input("spec_trans")?,
+        spec_tint: input("spec_tint")?,
+        sheen: input("sheen")?,
+        sheen_tint: input("sheen_tint")?,
+        flatness: input("flatness")?,
+        clearcoat: input("clearcoat")?,
+        clearcoat_gloss: input("clearcoat_gloss")?,
+        base_color: builder.color_input(p, "base_color")?,
+        eta: eta as f32,
+    })))
+}
+
+fn fraction(p: &Properties, name: &str, x: f64) -> Result<f64, LoadError> {
+    if (0.0..=1.0).contains(&x) { Ok(x) } else { Err(p.bad_value(name, "a number from 0 to 1")) }
+}
+
+/// A bump or normal map around a BSDF.
+fn perturbed(p: &Properties, builder: &mut Builder, by: Perturbation) -> Result<Material, LoadError> {
+    let material = only_bsdf(p, builder)?;
+    if is_perturbed(material, &builder.materials) {
+        let found = format!("`{}` around another bump or normal map", p.object.plugin);
+        return Err(p.error("", found, "a BSDF whose normal is not perturbed"));
+    }
+    let (flip_invalid_normals, use_shadowing_function) =
+        (p.boolean("flip_invalid_normals")?, p.boolean("use_shadowing_function")?);
+    Ok(Material::Perturbed { by, flip_invalid_normals, use_shadowing_function, material })
+}
+
+fn is_perturbed(id: MaterialId, materials: &[Material]) -> bool {
+    match materials[id.0 as usize] {
+        Material::Perturbed { .. } => true,
+        Material::Mask { material, .. } => is_perturbed(material, materials),
+        Material::TwoSided { front: a, back: b } | Material::Blend { first: a, second: b, .. } => {
+            is_perturbed(a, materials) || is_perturbed(b, materials)
+        }
+        _ => false,
+    }
+}
+
+/// Diffuse and glossy parts side by side, such that each has its albedo.
+fn phong(p: &Properties, builder: &mut Builder) -> Result<Material, LoadError> {
+    if p.texture("specular_reflectance")?.is_some() {
+        return Err(p.error(
+            "specular_reflectance",
+            "a textured `specular_reflectance` of `phong`",
+            "a colour",
+        ));
+    }
+    let exponent = p.float("exponent")?;
+    if !(0.0..1e8).contains(&exponent) {
+        return Err(p.bad_value("exponent", "a number from 0 to 1e8"));
+    }
+    let (diffuse, specular) =
+        (builder.color_input(p, "diffuse_reflectance")?, p.color("specular_reflectance")?);
+    let weight = specular.max_element().min(0.999);
+    let scale = 1.0 / (1.0 - weight);
+    let reflectance = match diffuse {
+        Input::Constant(color) => Input::Constant((color * scale).min(Rgb::ONE)),
+        Input::Texture(texture) => {
+            let scaled = crate::scene::Texture::Scale { texture, factor: Rgb::splat(scale) };
+            builder.textures.push(scaled);
+            Input::Texture(crate::scene::TextureId(builder.textures.len() as u32 - 1))
+        }
+    };
+    let first = builder.push_material(Material::Diffuse { reflectance }, p.object.at)?;
+    if weight == 0.0 {
+        return Ok(Material::Diffuse { reflectance });
+    }
+    let glossy = Material::RoughConductor {
+        distribution: Microfacet::Ggx,
+        alpha: [Input::Constant((2.0 / (exponent + 2.0)).sqrt() as f32); 2],
+        eta: Rgb::ZERO.into(),
+        k: Rgb::ONE.into(),
+        specular_reflectance: (specular / weight).min(Rgb::ONE).into(),
+    };
+    let second = builder.push_material(glossy, p.object.at)?;
+    Ok(Material::Blend { weight: weight.into(), first, second })
+}
+
+/// `sum w_i f_i` as blends of what came before with the next; black for what the weights lack of 1.
+fn mixture(p: &Properties, builder: &mut Builder) -> Result<Material, LoadError> {
+    let text = p.string("weights")?;
+    let words = text.split(|c: char| c == ',' || c.is_whitespace()).filter(|w| !w.is_empty());
+    let weights: Option<Vec<f32>> =
+        words.map(|w| w.parse().ok().filter(|x| (0.0..=1.0).contains(x))).collect();
+    let parts = bsdfs(p, builder)?;
+    let weights = weights
+        .filter(|w| w.len() == parts.len() && !w.is_empty() && w.iter().sum::<f32>() <= 1.0 + 1e-4)
+        .ok_or_else(|| p.bad_value("weights", format!("{} numbers that add up to 1 or less", parts.len())))?;
+    let mut mixed = super::super::BLACK;
+    let mut total = (1.0 - weights.iter().sum::<f32>()).max(0.0);
+    for (&second, &weight) in parts.iter().zip(&weights) {
+        total += weight;
+        let first = builder.push_material(mixed, p.object.at)?;
+        // A new id after that of `second`: materials refer to earlier ones only.
+        mixed = Material::Blend {
+            weight: (if total > 0.0 { weight / total } else { 0.0 }).into(),
+            first,
+            second,
+        };
+    }
+    Ok(mixed)
+}
+
+/// An index of refraction other than 1.
+fn differing_ior(p: &Properties) -> Result<f32, LoadError> {
+    let eta = relative_ior(p)?;
+    if eta == 1.0 {
+        return Err(p.error("int_ior", "equal indices of refraction inside and outside", "two that differ"));
+    }
+    Ok(eta)
 }
 
 /// Index of the inside over that of the outside.

@@ -1,17 +1,25 @@
-//! Mitsuba 3 XML scenes.
+//! Mitsuba 3 XML scenes, and those of Mitsuba 2 and 0.4 to 0.6.
 //!
 //! Loading goes in steps: `xml` turns text into a tree of objects with named values, knowing no plugin. Each object
 //! is then built by the entry for its plugin in the table of its category (`shapes`, `bsdfs`, `emitters`,
 //! `sensors`), which reads its parameters through `properties`. Mesh files are collected on the way and loaded
 //! last, in parallel. To add a plugin is to add its entry to a table, and, if it is something new, to the scene.
 //!
+//! Scenes of 0.x are put into the words of Mitsuba 3 by `upgrade` as they are read.
+//!
 //! Values, defaults and geometry follow Mitsuba 3.9. Stricter than there: what would have no effect is an error.
 
 mod bsdfs;
+mod conductors;
 mod emitters;
+mod instances;
+mod integrators;
 mod properties;
 mod sensors;
 mod shapes;
+mod spectra;
+mod textures;
+mod upgrade;
 mod values;
 mod xml;
 
@@ -23,11 +31,14 @@ use std::path::Path;
 
 use rayon::prelude::*;
 
+use super::image::Images;
 use super::{DEFAULT_SAMPLE_COUNT, LoadError, Location, Log, bounds_of, default_film, framing_camera, push};
 use crate::scene::{
     Camera, Emitter, FilmSettings, Filter, IntegratorSettings, Material, MaterialId, Rgb, Scene, Shape,
+    Texture, TextureId,
 };
 use emitters::Light;
+use instances::Instance;
 use properties::{Plugin, Properties, find};
 use shapes::Surface;
 use xml::{Document, Object, ObjectId, Span};
@@ -38,7 +49,9 @@ pub fn supported() -> Vec<(Category, Description)> {
         table.iter().map(move |p| (category, p.description))
     }
     all(Category::Shape, shapes::PLUGINS)
+        .chain(instances::DESCRIPTIONS.iter().map(|d| (Category::Shape, *d)))
         .chain(all(Category::Bsdf, bsdfs::PLUGINS))
+        .chain(all(Category::Texture, textures::PLUGINS))
         .chain(all(Category::Emitter, emitters::PLUGINS))
         .chain(all(Category::Sensor, sensors::SENSORS))
         .chain(all(Category::Film, sensors::FILMS))
@@ -50,14 +63,22 @@ pub fn supported() -> Vec<(Category, Description)> {
 /// Loads a scene file. `defines` are values of `$name` parameters.
 pub(super) fn load(path: &Path, defines: &[(String, String)], log: &mut Log) -> Result<Scene, LoadError> {
     let document = Document::read(path, defines, log)?;
+    let mut images = Images::default();
+    images.prefetch(textures::files(&document), log);
     let mut builder = Builder {
         document: &document,
         log,
+        images,
+        textures: Vec::new(),
+        texture_ids: HashMap::new(),
         materials: Vec::new(),
+        parts: Vec::new(),
         material_ids: HashMap::new(),
         default_materials: Vec::new(),
         depth: 0,
         shapes: Vec::new(),
+        groups: Vec::new(),
+        instances: Vec::new(),
         emitters: Vec::new(),
         sensor: None,
         integrator: None,
@@ -70,6 +91,10 @@ pub(super) fn load(path: &Path, defines: &[(String, String)], log: &mut Log) -> 
 
 /// BSDFs nested in or referring to each other; building recurses.
 const MAX_BSDF_DEPTH: usize = 50;
+
+/// Materials that one is made of. BSDFs that refer to others can multiply: each of 50 that blends the one before with itself
+/// would take for ever to evaluate.
+const MAX_BSDF_PARTS: u32 = 64;
 
 /// A shape whose geometry may yet have to be loaded.
 struct PlannedShape {
@@ -89,12 +114,21 @@ struct Sensor {
 struct Builder<'a> {
     document: &'a Document,
     log: &'a mut Log,
+    images: Images,
+    textures: Vec<Texture>,
+    /// `None` while a texture is being built.
+    texture_ids: HashMap<ObjectId, Option<TextureId>>,
     materials: Vec<Material>,
+    /// Of how many others each of the materials is made.
+    parts: Vec<u32>,
     /// `None` while a BSDF is being built, which is how circles are noticed.
     material_ids: HashMap<ObjectId, Option<MaterialId>>,
     default_materials: Vec<MaterialId>,
     depth: usize,
     shapes: Vec<PlannedShape>,
+    /// Of shapes that are only seen through instances, in the order of the file.
+    groups: Vec<(ObjectId, Vec<PlannedShape>)>,
+    instances: Vec<Instance>,
     emitters: Vec<Emitter>,
     sensor: Option<Sensor>,
     integrator: Option<IntegratorSettings>,
@@ -133,6 +167,7 @@ impl<'a> Builder<'a> {
         match object.category {
             Category::Shape => self.shape(id),
             Category::Bsdf => self.material(id, at).map(drop),
+            Category::Texture => self.texture(id, at).map(drop),
             Category::Emitter => self.free_emitter(id),
             Category::Sensor => self.sensor(id),
             Category::Integrator => self.integrator(object),
@@ -141,7 +176,7 @@ impl<'a> Builder<'a> {
             }
             _ => {
                 let found = format!("{} `{}` is not supported", object.category, object.plugin);
-                let expected = xml::one_of(&["shape", "bsdf", "emitter", "sensor", "integrator"]);
+                let expected = xml::one_of(&["shape", "bsdf", "texture", "emitter", "sensor", "integrator"]);
                 self.log.unsupported(self.document.error(at, found, expected), "it is ignored")
             }
         }
@@ -163,7 +198,7 @@ impl<'a> Builder<'a> {
             Some((build, properties)) => {
                 let material = build(&properties, self)?;
                 properties.finish()?;
-                push(&mut self.materials, material)
+                self.push_material(material, at)?
             }
             None => self.default_material(super::GREY),
         };
@@ -172,20 +207,51 @@ impl<'a> Builder<'a> {
         Ok(material)
     }
 
+    /// Adds a material that comes after those it is made of.
+    fn push_material(&mut self, material: Material, at: Span) -> Result<MaterialId, LoadError> {
+        let of = |id: MaterialId| self.parts[id.0 as usize];
+        let parts = match material {
+            Material::Blend { first, second, .. } => of(first) + of(second),
+            Material::TwoSided { front, back } => of(front).max(of(back)),
+            Material::Mask { material, .. } | Material::Perturbed { material, .. } => of(material) + 1,
+            _ => 1,
+        };
+        if parts > MAX_BSDF_PARTS {
+            return self.error(at, "a BSDF of too many others", format!("at most {MAX_BSDF_PARTS}"));
+        }
+        self.parts.push(parts);
+        Ok(push(&mut self.materials, material))
+    }
+
     /// One of the materials of shapes that name none: those are few, and each is kept once.
     fn default_material(&mut self, material: Material) -> MaterialId {
         let found =
             self.default_materials.iter().copied().find(|id| self.materials[id.0 as usize] == material);
         found.unwrap_or_else(|| {
+            self.parts.push(1);
             let id = push(&mut self.materials, material);
             self.default_materials.push(id);
             id
         })
     }
 
+    /// A shape directly in the scene.
     fn shape(&mut self, id: ObjectId) -> Result<(), LoadError> {
+        match self.document.object(id).plugin.as_str() {
+            instances::GROUP => self.group(id),
+            instances::INSTANCE => self.instance(id),
+            _ => {
+                let shape = self.planned_shape(id)?;
+                self.shapes.extend(shape);
+                Ok(())
+            }
+        }
+    }
+
+    /// A shape with geometry of its own; `None` if lenience leaves it out.
+    fn planned_shape(&mut self, id: ObjectId) -> Result<Option<PlannedShape>, LoadError> {
         let Some((build, properties)) = self.properties(shapes::PLUGINS, id, "the shape is left out")? else {
-            return Ok(());
+            return Ok(None);
         };
         let object = properties.object;
         let bsdf = properties.optional_object(Category::Bsdf)?;
@@ -202,8 +268,7 @@ impl<'a> Builder<'a> {
         let surface = build(&properties)?;
         properties.finish()?;
         let name = object.id.clone().unwrap_or_else(|| format!("{}-{}", object.plugin, self.shapes.len()));
-        self.shapes.push(PlannedShape { name, surface, material, emission });
-        Ok(())
+        Ok(Some(PlannedShape { name, surface, material, emission }))
     }
 
     fn light(&mut self, id: ObjectId) -> Result<Option<Light>, LoadError> {
@@ -211,7 +276,8 @@ impl<'a> Builder<'a> {
         else {
             return Ok(None);
         };
-        let light = build(&properties)?;
+        properties.ignore("sampling_weight");
+        let light = build(&properties, self.log)?;
         properties.finish()?;
         Ok(Some(light))
     }
@@ -235,9 +301,9 @@ impl<'a> Builder<'a> {
                 self.error(at, "an `area` emitter outside of shapes", "it within a shape")
             }
             Some(Light::Free(emitter)) => {
-                let is_constant = |e: &Emitter| matches!(e, Emitter::Constant { .. });
-                if is_constant(&emitter) && self.emitters.iter().any(is_constant) {
-                    return self.error(at, "a second environment", "at most one `constant` emitter");
+                let is_environment = |e: &Emitter| matches!(e, Emitter::Constant { .. } | Emitter::Map(_));
+                if is_environment(&emitter) && self.emitters.iter().any(is_environment) {
+                    return self.error(at, "a second environment", "at most one `constant` or `envmap`");
                 }
                 self.emitters.push(emitter);
                 Ok(())
@@ -309,40 +375,19 @@ impl<'a> Builder<'a> {
         if self.integrator.is_some() {
             return self.error(object.at, "a second integrator", "at most one");
         }
-        if let Some(child) = object.children.first() {
-            let inner = self.document.object(child.object);
-            let found = format!("{} `{}` in integrator `{}`", inner.category, inner.plugin, object.plugin);
-            let error = self.document.error(child.at, found, "an integrator with values only");
-            self.log.unsupported(error, "it is ignored")?;
-        }
-        let parameters = object.properties.iter().map(|p| (p.name.clone(), p.text.clone())).collect();
-        self.integrator = Some(IntegratorSettings { name: Some(object.plugin.clone()), parameters });
+        self.integrator = Some(integrators::settings(self.document, object, self.log)?);
         Ok(())
     }
 
     /// Loads the meshes and puts the scene together.
     fn finish(self, path: &Path) -> Result<Scene, LoadError> {
         let log = self.log;
-        let lenient = log.lenient;
-        let loaded: Vec<_> = self
-            .shapes
-            .into_par_iter()
-            .map(|shape| {
-                let mut log = Log { lenient, ..Log::default() };
-                let geometry = match shape.surface {
-                    Surface::Ready(geometry) => Ok(geometry),
-                    Surface::File(file) => file.load(&mut log),
-                };
-                let PlannedShape { name, material, emission, .. } = shape;
-                (geometry.map(|geometry| Shape { name, geometry, material, emission }), log)
-            })
-            .collect();
-        let mut shapes = Vec::with_capacity(loaded.len());
-        // In the order of the file, so that which error is reported does not depend on threads.
-        for (shape, messages) in loaded {
-            log.absorb(messages);
-            shapes.push(shape?);
+        let mut shapes = load_all(self.shapes, log)?;
+        let mut groups = HashMap::new();
+        for (id, group) in self.groups {
+            groups.insert(id, load_all(group, log)?);
         }
+        instances::expand(self.document, &self.instances, &groups, &mut shapes)?;
         let sensor = self.sensor.unwrap_or_else(|| {
             log.note(Location::file(path), "the scene has no sensor: using a camera that frames its shapes");
             let camera = framing_camera(bounds_of(&shapes));
@@ -351,6 +396,7 @@ impl<'a> Builder<'a> {
         Ok(Scene {
             shapes,
             materials: self.materials,
+            textures: self.textures,
             emitters: self.emitters,
             camera: sensor.camera,
             film: sensor.film,
@@ -358,4 +404,28 @@ impl<'a> Builder<'a> {
             sample_count: sensor.sample_count,
         })
     }
+}
+
+/// Loads the geometry of shapes, in parallel.
+fn load_all(planned: Vec<PlannedShape>, log: &mut Log) -> Result<Vec<Shape>, LoadError> {
+    let lenient = log.lenient;
+    let loaded: Vec<_> = planned
+        .into_par_iter()
+        .map(|shape| {
+            let mut log = Log { lenient, ..Log::default() };
+            let geometry = match shape.surface {
+                Surface::Ready(geometry) => Ok(geometry),
+                Surface::File(file) => file.load(&mut log),
+            };
+            let PlannedShape { name, material, emission, .. } = shape;
+            (geometry.map(|geometry| Shape { name, geometry, material, emission }), log)
+        })
+        .collect();
+    let mut shapes = Vec::with_capacity(loaded.len());
+    // In the order of the file, so that which error is reported does not depend on threads.
+    for (shape, messages) in loaded {
+        log.absorb(messages);
+        shapes.push(shape?);
+    }
+    Ok(shapes)
 }

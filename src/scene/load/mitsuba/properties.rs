@@ -10,7 +10,7 @@ use glam::{DAffine3, DVec3, Vec3};
 
 use super::super::{LoadError, Location, Log};
 use super::values::{Color, Value};
-use super::xml::{Category, Document, Object, ObjectId, Property, Span, one_of};
+use super::xml::{Category, Child, Document, Object, ObjectId, Property, Span, one_of};
 use crate::scene::Rgb;
 
 /// Type of a parameter.
@@ -35,6 +35,8 @@ pub enum Kind {
     Emission,
     /// A colour or number without bound, such as an index of refraction.
     Unbounded,
+    /// A number, or a texture of numbers.
+    FloatOrTexture,
     /// A transform.
     Transform,
     /// A nested object of a category, under any name.
@@ -51,7 +53,9 @@ impl Kind {
             Self::String => "string".to_owned(),
             Self::FloatOrString => "float or string".to_owned(),
             Self::Vector => "point or vector".to_owned(),
-            Self::Reflectance | Self::Emission | Self::Unbounded => "rgb, spectrum or float".to_owned(),
+            Self::Emission => "rgb, spectrum or float".to_owned(),
+            Self::Reflectance | Self::Unbounded => "rgb, spectrum, float or texture".to_owned(),
+            Self::FloatOrTexture => "float or texture".to_owned(),
             Self::Transform => "transform".to_owned(),
             Self::Object(category) => category.to_string(),
         }
@@ -60,15 +64,23 @@ impl Kind {
     fn accepts(self, value: &Value) -> bool {
         match value {
             Value::Integer(_) => {
-                matches!(self, Self::Float | Self::Integer | Self::FloatOrString) || self.is_color()
+                matches!(self, Self::Float | Self::Integer | Self::FloatOrString | Self::FloatOrTexture)
+                    || self.is_color()
             }
-            Value::Float(_) => matches!(self, Self::Float | Self::FloatOrString) || self.is_color(),
+            Value::Float(_) => {
+                matches!(self, Self::Float | Self::FloatOrString | Self::FloatOrTexture) || self.is_color()
+            }
             Value::Boolean(_) => self == Self::Boolean,
             Value::String(_) => matches!(self, Self::String | Self::FloatOrString),
             Value::Vector(_) => self == Self::Vector,
             Value::Color(_) => self.is_color(),
             Value::Transform(_) => self == Self::Transform,
         }
+    }
+
+    /// Whether a texture may take the place of the value.
+    fn is_textured(self) -> bool {
+        matches!(self, Self::Reflectance | Self::Unbounded | Self::FloatOrTexture)
     }
 
     fn is_color(self) -> bool {
@@ -171,11 +183,24 @@ pub(super) fn find<Build>(
     if let Some(plugin) = table.iter().find(|p| p.description.name == object.plugin) {
         return Ok(Some(plugin));
     }
-    let names: Vec<_> = table.iter().map(|p| p.description.name).collect();
+    let mut names: Vec<_> = table.iter().map(|p| p.description.name).collect();
+    if object.category == Category::Shape {
+        names.extend([super::instances::GROUP, super::instances::INSTANCE]);
+    }
     let found = format!("{} `{}` is not supported", object.category, object.plugin);
-    log.unsupported(document.error(object.at, found, one_of(&names)), substitute)?;
+    let way_round =
+        WAYS_ROUND.iter().find(|(c, plugin, _)| *c == object.category && *plugin == object.plugin);
+    let expected = way_round.map_or_else(|| one_of(&names), |(.., way)| (*way).to_owned());
+    log.unsupported(document.error(object.at, found, expected), substitute)?;
     Ok(None)
 }
+
+/// What to write instead of plugins that are not supported but have an equivalent.
+const WAYS_ROUND: &[(Category, &str, &str)] =
+    &[(Category::Emitter, "sunsky", SKY), (Category::Emitter, "sky", SKY), (Category::Emitter, "sun", SKY)];
+
+const SKY: &str =
+    "an `envmap` of the sky as an image, which Mitsuba itself can write, or `directional` for the sun alone";
 
 /// The parameters of one object, checked against the plugin's table.
 pub(super) struct Properties<'a> {
@@ -215,14 +240,6 @@ impl<'a> Properties<'a> {
                 format!("parameter `{}` of {} as <{}>", property.name, self.title(), property.value.tag());
             return Err(self.document.error(property.at, found, parameter.kind.elements()));
         }
-        if let Value::Color(Color::Wavelengths(_)) = property.value {
-            let found = format!("`{}` by wavelengths is not supported", property.name);
-            let expected = "<rgb>, or <spectrum> with one number";
-            return log.unsupported(
-                self.document.error(property.at, found, expected),
-                "the mean of its values is used",
-            );
-        }
         Ok(())
     }
 
@@ -234,6 +251,10 @@ impl<'a> Properties<'a> {
         log: &mut Log,
     ) -> Result<(), LoadError> {
         if self.description.parameters().any(|p| p.kind == Kind::Object(child.category)) {
+            return Ok(());
+        }
+        let textured = |p: &&Parameter| Some(p.name) == name && p.kind.is_textured();
+        if child.category == Category::Texture && self.description.parameters().any(|p| textured(&p)) {
             return Ok(());
         }
         let named = name.map(|n| format!(" as `{n}`")).unwrap_or_default();
@@ -291,6 +312,25 @@ impl<'a> Properties<'a> {
     pub(super) fn bad_value(&self, name: &str, expected: impl Into<String>) -> LoadError {
         let text = self.object.properties.iter().find(|p| p.name == name).map_or("a default", |p| &p.text);
         self.error(name, format!("`{name}` is {text}"), expected)
+    }
+
+    /// The type of a parameter.
+    pub(super) fn kind(&self, name: &str) -> Kind {
+        self.description.parameters().find(|p| p.name == name).map_or(Kind::Unbounded, |p| p.kind)
+    }
+
+    /// The texture that stands for a parameter, if one does.
+    pub(super) fn texture(&self, name: &str) -> Result<Option<(ObjectId, Span)>, LoadError> {
+        let is_it = |c: &&Child| {
+            c.name.as_deref() == Some(name) && self.document.object(c.object).category == Category::Texture
+        };
+        let mut textures = self.object.children.iter().filter(is_it);
+        let first = textures.next();
+        if let Some(second) = textures.next().or(first.filter(|_| self.has(name))) {
+            let found = format!("`{name}` of {} given twice", self.title());
+            return Err(self.document.error(second.at, found, "one value or texture"));
+        }
+        Ok(first.map(|c| (c.object, c.at)))
     }
 
     /// Whether the scene gives a parameter. This does not count as asking for it.
@@ -428,15 +468,18 @@ impl<'a> Properties<'a> {
 
     /// A colour, within the bounds of its kind.
     pub(super) fn color(&self, name: &str) -> Result<Rgb, LoadError> {
-        let parameter = self.description.parameters().find(|p| p.name == name);
-        let kind = parameter.map_or(Kind::Unbounded, |p| p.kind);
+        let kind = self.kind(name);
         let color = match self.value(name) {
             Some(Value::Color(Color::Rgb(c))) => *c,
             // Equal energy at all wavelengths is no RGB white; Mitsuba makes the difference for emitters alone.
-            Some(Value::Color(Color::Flat(x) | Color::Wavelengths(x))) if kind == Kind::Emission => {
-                *x * EQUAL_ENERGY
-            }
-            Some(Value::Color(Color::Flat(x) | Color::Wavelengths(x)) | Value::Float(x)) => DVec3::splat(*x),
+            Some(Value::Color(Color::Flat(x))) if kind == Kind::Emission => *x * EQUAL_ENERGY,
+            // Spectral colours may lie outside of what RGB can mix; they are moved to its border, as in Mitsuba.
+            Some(Value::Color(Color::Wavelengths(c))) => match kind {
+                Kind::Emission => c.emission.max(DVec3::ZERO),
+                Kind::Reflectance => c.reflectance.clamp(DVec3::ZERO, DVec3::ONE),
+                _ => c.reflectance.max(DVec3::ZERO),
+            },
+            Some(Value::Color(Color::Flat(x)) | Value::Float(x)) => DVec3::splat(*x),
             Some(Value::Integer(i)) => DVec3::splat(*i as f64),
             _ => DVec3::splat(self.default_number(name)?),
         };

@@ -1,10 +1,10 @@
 //! The `sensor` plugins and what belongs to them: `film`, `rfilter` and `sampler`.
 
-use glam::{DAffine3, UVec2};
+use glam::{DAffine3, DVec2, UVec2};
 
 use super::super::{LoadError, Log};
 use super::properties::{Kind, Parameter, Plugin, Properties};
-use super::xml::{Category, one_of};
+use super::xml::Category;
 use crate::scene::{Camera, FilmSettings, Filter, FovAxis, Lens, PixelRect};
 
 pub(super) type SensorBuild = fn(&Properties) -> Result<Camera, LoadError>;
@@ -13,16 +13,23 @@ pub(super) type FilterBuild = fn(&Properties) -> Result<Filter, LoadError>;
 pub(super) type SamplerBuild = fn(&Properties, &mut Log) -> Result<u32, LoadError>;
 
 pub(super) const SENSORS: &[Plugin<SensorBuild>] = &[
-    Plugin::new("perspective", "pinhole camera", &[PERSPECTIVE], |p| {
+    Plugin::new("perspective", "pinhole camera", &[PERSPECTIVE, PRINCIPAL_POINT, CAMERA], |p| {
         // Mitsuba reads it for all projective cameras; a pinhole has everything in focus.
         p.ignore("focus_distance");
-        camera(p, Lens::Pinhole)
+        let principal_point =
+            DVec2::new(p.float("principal_point_offset_x")?, p.float("principal_point_offset_y")?);
+        Ok(Camera { principal_point, ..camera(p, Lens::Pinhole)? })
+    }),
+    Plugin::new("orthographic", "camera with parallel rays", &[CAMERA], |p| {
+        p.ignore("focus_distance");
+        camera(p, Lens::Orthographic)
     }),
     Plugin::new(
         "thinlens",
         "camera with depth of field",
         &[
             PERSPECTIVE,
+            CAMERA,
             &[Parameter::required("aperture_radius", Kind::Float, "radius of the lens; 0 is a pinhole")],
         ],
         |p| {
@@ -37,21 +44,43 @@ pub(super) const SENSORS: &[Plugin<SensorBuild>] = &[
     ),
 ];
 
+const PRINCIPAL_POINT: &[Parameter] = &[
+    Parameter::new("principal_point_offset_x", Kind::Float, "0", "moves the picture, in widths to the left"),
+    Parameter::new("principal_point_offset_y", Kind::Float, "0", "moves the picture, in heights up"),
+];
+
 const PERSPECTIVE: &[Parameter] = &[
-    Parameter::optional("to_world", Kind::Transform, "camera space (+z forward, +x left) to world space"),
     Parameter::optional("fov", Kind::Float, "field of view in degrees; else by focal_length"),
     Parameter::new("focal_length", Kind::FloatOrString, "50mm", "of a 35 mm film camera, millimetres"),
     Parameter::new("fov_axis", Kind::String, "x", "what fov spans: x, y, diagonal, smaller or larger"),
+];
+
+const CAMERA: &[Parameter] = &[
+    Parameter::optional("to_world", Kind::Transform, "camera space (+z forward, +x left) to world space"),
     Parameter::new("near_clip", Kind::Float, "0.01", "nothing nearer is seen"),
     Parameter::new("far_clip", Kind::Float, "10000", "nothing farther is seen"),
     Parameter::optional("focus_distance", Kind::Float, "what is in focus, by default far_clip; for thinlens"),
+    Parameter::optional("shutter_open", Kind::Float, "without effect: nothing moves"),
+    Parameter::optional("shutter_close", Kind::Float, "without effect: nothing moves"),
     Parameter::object(Category::Film, "by default hdrfilm"),
     Parameter::object(Category::Sampler, "by default independent"),
 ];
 
 fn camera(p: &Properties, lens: Lens) -> Result<Camera, LoadError> {
     let to_world = p.transform("to_world");
-    if !is_similarity(&to_world) {
+    for shutter in ["shutter_open", "shutter_close"] {
+        p.ignore(shutter);
+    }
+    let is_parallel = lens == Lens::Orthographic;
+    if is_parallel {
+        if to_world.matrix3.determinant() == 0.0 || !to_world.inverse().is_finite() {
+            return Err(p.error(
+                "to_world",
+                "`to_world` of the camera is singular",
+                "an invertible transform",
+            ));
+        }
+    } else if !is_similarity(&to_world) {
         let found = "`to_world` of the camera shears or scales unevenly";
         return Err(p.error("to_world", found, "rotation, translation and even scale"));
     }
@@ -59,8 +88,8 @@ fn camera(p: &Properties, lens: Lens) -> Result<Camera, LoadError> {
     if near_clip >= far_clip {
         return Err(p.bad_value("far_clip", "a distance beyond near_clip"));
     }
-    let (fov, fov_axis) = field_of_view(p)?;
-    Ok(Camera { to_world, fov, fov_axis, lens, near_clip, far_clip })
+    let (fov, fov_axis) = if is_parallel { (90.0, FovAxis::X) } else { field_of_view(p)? };
+    Ok(Camera { to_world, fov, fov_axis, lens, near_clip, far_clip, principal_point: DVec2::ZERO })
 }
 
 fn field_of_view(p: &Properties) -> Result<(f64, FovAxis), LoadError> {
@@ -96,7 +125,7 @@ fn field_of_view(p: &Properties) -> Result<(f64, FovAxis), LoadError> {
 }
 
 /// Whether a map keeps angles, within what a file's rounded numbers allow.
-fn is_similarity(map: &DAffine3) -> bool {
+pub(super) fn is_similarity(map: &DAffine3) -> bool {
     let [x, y, z] = [map.x_axis, map.y_axis, map.z_axis];
     let scale = x.length();
     let even = [y, z].iter().all(|a| (a.length() - scale).abs() < 1e-3 * scale);
@@ -117,8 +146,8 @@ pub(super) const FILMS: &[Plugin<FilmBuild>] = &[Plugin::new(
         Parameter::new("crop_offset_y", Kind::Integer, "0", "first row that is rendered"),
         Parameter::optional("crop_width", Kind::Integer, "columns that are rendered, by default all"),
         Parameter::optional("crop_height", Kind::Integer, "rows that are rendered, by default all"),
-        Parameter::new("file_format", Kind::String, "openexr", "only openexr"),
-        Parameter::new("pixel_format", Kind::String, "rgb", "rgb or rgba; without effect"),
+        Parameter::optional("file_format", Kind::String, "without effect: the output's name decides"),
+        Parameter::optional("pixel_format", Kind::String, "without effect: always rgb"),
         Parameter::new("component_format", Kind::String, "float16", "float16 or float32"),
         Parameter::new("sample_border", Kind::Boolean, "false", "without effect: borders are never darker"),
         Parameter::new("compensate", Kind::Boolean, "false", "without effect: sums are exact"),
@@ -158,9 +187,9 @@ fn film(p: &Properties, log: &mut Log) -> Result<FilmSettings, LoadError> {
             format!("within the film of {size}"),
         ));
     }
-    for (name, supported) in [("file_format", &["openexr"][..]), ("pixel_format", &["rgb", "rgba"])] {
-        if !supported.contains(&p.string(name)?) {
-            log.unsupported(p.bad_value(name, one_of(supported)), &format!("{} is used", supported[0]))?;
+    for (name, usual) in [("file_format", "openexr"), ("pixel_format", "rgb")] {
+        if let Some(other) = p.optional_string(name).filter(|text| !text.eq_ignore_ascii_case(usual)) {
+            log.note(p.locate(name), format!("`{name}` {other} has no effect"));
         }
     }
     let half_float = p.choice("component_format", &[("float16", true), ("float32", false)])?;

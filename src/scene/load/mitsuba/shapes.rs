@@ -5,7 +5,7 @@ use std::path::PathBuf;
 use glam::{DAffine3, DVec3, Vec2, Vec3};
 
 use super::super::mesh::{Normals, Placement, RawMesh};
-use super::super::{LoadError, Location, Log, obj, ply};
+use super::super::{LoadError, Location, Log, obj, ply, serialized};
 use super::properties::{Kind, Parameter, Plugin, Properties};
 use super::values::tangent_frame;
 use super::xml::Category;
@@ -22,15 +22,30 @@ pub(super) enum Surface {
 /// A mesh that is to be loaded.
 pub(super) struct MeshFile {
     path: PathBuf,
-    load: fn(&std::path::Path, &Location, &Placement, &mut Log) -> Result<Geometry, LoadError>,
+    format: Format,
     placement: Placement,
     /// Where the scene names the file.
     from: Location,
 }
 
+#[derive(Clone, Copy)]
+enum Format {
+    Obj,
+    Ply,
+    /// The mesh of that index in the file.
+    Serialized {
+        index: u32,
+    },
+}
+
 impl MeshFile {
     pub(super) fn load(&self, log: &mut Log) -> Result<Geometry, LoadError> {
-        (self.load)(&self.path, &self.from, &self.placement, log)
+        let Self { path, format, placement, from } = self;
+        match *format {
+            Format::Obj => obj::load_mesh(path, from, placement, log),
+            Format::Ply => ply::load_mesh(path, from, placement, log),
+            Format::Serialized { index } => serialized::load_mesh(path, from, index, placement, log),
+        }
     }
 }
 
@@ -39,13 +54,29 @@ pub(super) const PLUGINS: &[Plugin<Build>] = &[
         "obj",
         "mesh from a Wavefront OBJ file",
         &[MESH_FILE, &[Parameter::new("flip_tex_coords", Kind::Boolean, "true", "turn v to 1 - v")], COMMON],
-        |p| mesh_file(p, obj::load_mesh),
+        |p| mesh_file(p, Format::Obj),
     ),
     Plugin::new(
         "ply",
         "mesh from a PLY file",
         &[MESH_FILE, &[Parameter::new("flip_tex_coords", Kind::Boolean, "false", "turn v to 1 - v")], COMMON],
-        |p| mesh_file(p, ply::load_mesh),
+        |p| mesh_file(p, Format::Ply),
+    ),
+    Plugin::new(
+        "serialized",
+        "mesh from a file of Mitsuba's own format",
+        &[
+            MESH_FILE,
+            &[
+                Parameter::new("shape_index", Kind::Integer, "0", "which mesh of the file"),
+                Parameter::new("flip_tex_coords", Kind::Boolean, "false", "turn v to 1 - v"),
+            ],
+            COMMON,
+        ],
+        |p| {
+            let index = p.integer("shape_index", "a whole number of 0 or more")?;
+            mesh_file(p, Format::Serialized { index })
+        },
     ),
     Plugin::new("rectangle", "[-1, 1]^2 in the xy plane, normal +z", &[COMMON], |p| {
         quads(p, &[(Vec3::Z, [[-1, -1, 0], [1, -1, 0], [1, 1, 0], [-1, 1, 0]])], RECTANGLE_UVS)
@@ -98,10 +129,7 @@ const MESH_FILE: &[Parameter] = &[
     Parameter::new("face_normals", Kind::Boolean, "false", "flat, instead of the file's or smooth normals"),
 ];
 
-fn mesh_file(
-    p: &Properties,
-    load: fn(&std::path::Path, &Location, &Placement, &mut Log) -> Result<Geometry, LoadError>,
-) -> Result<Surface, LoadError> {
+fn mesh_file(p: &Properties, format: Format) -> Result<Surface, LoadError> {
     let path = p.document.resolve_path(p.string("filename")?, p.object.at);
     let normals = if p.boolean("face_normals")? { Normals::Flat } else { Normals::GivenOrSmooth };
     let placement = Placement {
@@ -110,7 +138,7 @@ fn mesh_file(
         flip_normals: p.boolean("flip_normals")?,
         flip_v: p.boolean("flip_tex_coords")?,
     };
-    Ok(Surface::File(MeshFile { path, load, placement, from: p.locate("filename") }))
+    Ok(Surface::File(MeshFile { path, format, placement, from: p.locate("filename") }))
 }
 
 /// A face's normal and its corners.

@@ -2,6 +2,8 @@
 
 use glam::{DAffine3, DMat3, DMat4, DVec3};
 
+use super::spectra::{self, SpectrumColor, srgb_to_linear};
+
 /// A colour as the file writes it.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub(super) enum Color {
@@ -9,8 +11,8 @@ pub(super) enum Color {
     Rgb(DVec3),
     /// `<spectrum value="x"/>`: the same at all wavelengths.
     Flat(f64),
-    /// `<spectrum value="400:x, ..."/>`, not supported; the mean of its values.
-    Wavelengths(f64),
+    /// `<spectrum value="400:x, ..."/>` and other spectra.
+    Wavelengths(SpectrumColor),
 }
 
 /// The value of a property.
@@ -62,7 +64,7 @@ pub(super) fn boolean(text: &str) -> Result<bool, Expected> {
 }
 
 /// Numbers separated by commas and white space.
-fn floats(text: &str) -> Option<Vec<f64>> {
+pub(super) fn floats(text: &str) -> Option<Vec<f64>> {
     let words = text.split(|c: char| c == ',' || c.is_whitespace()).filter(|w| !w.is_empty());
     words.map(|w| float(w).ok()).collect()
 }
@@ -87,9 +89,14 @@ pub(super) fn rgb(text: &str) -> Result<Color, Expected> {
     vector(text).map(Color::Rgb).map_err(|_| expected)
 }
 
-/// Inverse of the sRGB transfer function (IEC 61966-2-1).
-fn srgb_to_linear(c: f64) -> f64 {
-    if c <= 0.04045 { c / 12.92 } else { ((c + 0.055) / 1.055).powf(2.4) }
+/// Like [`rgb`], but encoded by the transfer function of sRGB in either form (Mitsuba 0.x).
+pub(super) fn srgb(text: &str) -> Result<Color, Expected> {
+    match rgb(text)? {
+        Color::Rgb(c) if !text.trim().starts_with('#') => {
+            Ok(Color::Rgb(DVec3::new(srgb_to_linear(c.x), srgb_to_linear(c.y), srgb_to_linear(c.z))))
+        }
+        color => Ok(color),
+    }
 }
 
 /// One number, or pairs of wavelength and value.
@@ -98,10 +105,21 @@ pub(super) fn spectrum(text: &str) -> Result<Color, Expected> {
     if !text.contains(':') {
         return float(text).map(Color::Flat).map_err(|_| expected);
     }
-    let pairs =
-        floats(&text.replace(':', " ")).filter(|p| !p.is_empty() && p.len() % 2 == 0).ok_or(expected)?;
-    let values = pairs.iter().skip(1).step_by(2);
-    Ok(Color::Wavelengths(values.sum::<f64>() / (pairs.len() / 2) as f64))
+    let pairs = floats(&text.replace(':', " ")).ok_or(expected)?;
+    samples(&pairs).map(Color::Wavelengths).ok_or(expected)
+}
+
+/// A spectrum from wavelengths and values by turns; `None` unless there are whole pairs, in ascending order of wavelength.
+pub(super) fn samples(numbers: &[f64]) -> Option<SpectrumColor> {
+    let pairs: Vec<_> = numbers.chunks_exact(2).map(|pair| (pair[0], pair[1])).collect();
+    let ascending = pairs.is_sorted_by(|a, b| a.0 < b.0);
+    (numbers.len().is_multiple_of(2) && !pairs.is_empty() && ascending).then(|| spectra::from_samples(&pairs))
+}
+
+/// The content of a spectrum file: a wavelength and a value per line, `#` begins a comment.
+pub(super) fn spectrum_file(text: &str) -> Option<SpectrumColor> {
+    let lines: Vec<&str> = text.lines().map(|line| line.split('#').next().unwrap_or_default()).collect();
+    samples(&floats(&lines.join(" "))?)
 }
 
 /// 16 numbers, or 9 for a matrix without translation, row by row.

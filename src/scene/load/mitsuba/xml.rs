@@ -11,7 +11,8 @@ use roxmltree::{Document as Xml, Node};
 
 use super::super::error::abridged;
 use super::super::{LoadError, Location, Log, Position};
-use super::values::{self, Expected, Value};
+use super::values::{self, Color, Expected, Value};
+use super::{spectra, upgrade};
 
 /// Elements nested deeper than any scene needs; parsing recurses.
 const MAX_DEPTH: usize = 50;
@@ -153,8 +154,14 @@ impl Document {
             .iter()
             .map(|(n, v)| (n.clone(), Define { value: v.clone(), used: false, outer: true }))
             .collect();
-        let mut reader =
-            SceneReader { document: Self::default(), defines, ids: HashMap::new(), pending: Vec::new(), log };
+        let mut reader = SceneReader {
+            document: Self::default(),
+            defines,
+            ids: HashMap::new(),
+            pending: Vec::new(),
+            is_old: false,
+            log,
+        };
         reader.file(path, None, 0)?;
         reader.resolve()?;
         if let Some((name, _)) =
@@ -174,14 +181,14 @@ impl Document {
         &self.objects[id.0]
     }
 
+    /// All objects, in the order in which they begin.
+    pub(super) fn objects(&self) -> impl Iterator<Item = &Object> {
+        self.objects.iter()
+    }
+
     /// File, line and column.
     pub(super) fn locate(&self, at: Span) -> Location {
-        let source = &self.sources[at.source];
-        let line = source.lines.partition_point(|&start| start <= at.offset);
-        let before = source.text.get(source.lines[line - 1]..at.offset).unwrap_or_default();
-        // Characters of lines without end are not counted one by one for each of many warnings.
-        let column = if before.len() < 10_000 { before.chars().count() } else { before.len() } + 1;
-        Location { file: source.path.clone(), position: Position::LineColumn(line, column) }
+        locate(&self.sources, at)
     }
 
     pub(super) fn error(&self, at: Span, found: impl Into<String>, expected: impl Into<String>) -> LoadError {
@@ -196,6 +203,15 @@ impl Document {
         let first = candidates.next().unwrap_or_else(|| PathBuf::from(name));
         if first.exists() { first } else { candidates.find(|c| c.exists()).unwrap_or(first) }
     }
+}
+
+fn locate(sources: &[Source], at: Span) -> Location {
+    let source = &sources[at.source];
+    let line = source.lines.partition_point(|&start| start <= at.offset);
+    let before = source.text.get(source.lines[line - 1]..at.offset).unwrap_or_default();
+    // Characters of lines without end are not counted one by one for each of many warnings.
+    let column = if before.len() < 10_000 { before.chars().count() } else { before.len() } + 1;
+    Location { file: source.path.clone(), position: Position::LineColumn(line, column) }
 }
 
 struct Define {
@@ -223,6 +239,8 @@ struct SceneReader<'a> {
     defines: HashMap<String, Define>,
     ids: HashMap<String, (Named, Span)>,
     pending: Vec<Pending>,
+    /// Whether the file that is being read is one of Mitsuba 0.x.
+    is_old: bool,
     log: &'a mut Log,
 }
 
@@ -297,17 +315,23 @@ impl SceneReader<'_> {
         }
         let attributes = self.attributes(root, at, &["version"])?;
         let (version, version_at) = attributes.require("version", &self.document)?;
-        let major = version.split('.').next().and_then(|v| v.trim().parse::<u32>().ok());
-        match major {
-            Some(2..) => {}
+        let numbers: Vec<Option<u32>> = version.split('.').map(|n| n.trim().parse().ok()).collect();
+        let is_old = match numbers[..] {
+            [Some(2..), ..] => false,
+            [Some(0), Some(4..), ..] => true,
             _ => {
-                return self.error(
-                    version_at,
-                    format!("scene version `{version}`"),
-                    "2.0.0 or newer, as Mitsuba 2 and 3 write; scenes of Mitsuba 0.x do not load yet",
-                );
+                let expected = "2.0.0 or newer, as Mitsuba 2 and 3 write, or 0.4.0 to 0.6.0";
+                return self.error(version_at, format!("scene version `{version}`"), expected);
             }
-        }
+        };
+        // Each file has a version of its own.
+        let outer = std::mem::replace(&mut self.is_old, is_old);
+        self.scene_members(root, source, depth)?;
+        self.is_old = outer;
+        Ok(())
+    }
+
+    fn scene_members(&mut self, root: Node, source: usize, depth: usize) -> Result<(), LoadError> {
         for node in self.elements(root, source) {
             let at = Span { source, offset: node.range().start };
             match node.tag_name().name() {
@@ -315,6 +339,15 @@ impl SceneReader<'_> {
                 "alias" => self.alias(node, at)?,
                 "default" => self.default(node, at)?,
                 "path" => self.search_path(node, at)?,
+                tag if !is_known(tag) => {
+                    let found = format!("<{tag}>");
+                    let error = self.document.error(
+                        at,
+                        found,
+                        "an object (shape, bsdf, emitter, sensor, integrator, ...)",
+                    );
+                    self.log.unsupported(error, "it is ignored")?;
+                }
                 tag => match self.member(node, at, 1, None)? {
                     Member::Child(child) => self.document.roots.push(child),
                     Member::Property(p) => {
@@ -467,7 +500,7 @@ impl SceneReader<'_> {
         if tag == "ref" {
             let attributes = self.attributes(node, at, &["name", "id"])?;
             let id = attributes.require("id", &self.document)?.0.to_owned();
-            let name = attributes.get("name").map(|(n, _)| n.to_owned());
+            let name = attributes.get("name").map(|(n, _)| self.current_name(n));
             let child = parent.map_or(&self.document.roots, |p| &self.document.objects[p.0].children).len();
             self.pending.push(Pending { parent, child, id });
             // The target is filled in by `resolve`.
@@ -480,7 +513,7 @@ impl SceneReader<'_> {
         let attributes = self.attributes(node, at, &["type", "id", "name"])?;
         let plugin = attributes.require("type", &self.document)?.0.to_owned();
         let id = attributes.get("id").map(|(id, at)| (id.to_owned(), at));
-        let name = attributes.get("name").map(|(n, _)| n.to_owned());
+        let name = attributes.get("name").map(|(n, _)| self.current_name(n));
         let object = ObjectId(self.document.objects.len());
         if let Some((id, at)) = &id {
             self.name(id, Named::Object(object), *at)?;
@@ -495,7 +528,16 @@ impl SceneReader<'_> {
                 Member::Property(property) => self.add_property(object, property)?,
             }
         }
+        if self.is_old {
+            let Document { sources, objects, .. } = &mut self.document;
+            upgrade::object(&mut objects[object.0], |p| locate(sources, p.at), self.log);
+        }
         Ok(Child { name, object, at })
+    }
+
+    /// The name of a parameter in Mitsuba 3.
+    fn current_name(&self, name: &str) -> String {
+        if self.is_old { upgrade::underscored(name) } else { name.to_owned() }
     }
 
     fn add_property(&mut self, object: ObjectId, property: Property) -> Result<(), LoadError> {
@@ -519,9 +561,15 @@ impl SceneReader<'_> {
         let tag = node.tag_name().name();
         if tag == "transform" {
             let attributes = self.attributes(node, at, &["name"])?;
-            let name = attributes.require("name", &self.document)?.0.to_owned();
+            let name = self.current_name(attributes.require("name", &self.document)?.0);
             let value = Value::Transform(self.transform(node, at)?);
             return Ok(Property { name, value, text: String::new(), at });
+        }
+        if tag == "blackbody" && self.is_old {
+            return self.black_body(node, at);
+        }
+        if tag == "spectrum" && node.has_attribute("filename") {
+            return self.spectrum_file(node, at);
         }
         let parse: fn(&str) -> Result<Value, Expected> = match tag {
             "float" => |t| values::float(t).map(Value::Float),
@@ -529,6 +577,11 @@ impl SceneReader<'_> {
             "boolean" => |t| values::boolean(t).map(Value::Boolean),
             "string" => |t| Ok(Value::String(t.to_owned())),
             "rgb" => |t| values::rgb(t).map(Value::Color),
+            "srgb" if self.is_old => |t| values::srgb(t).map(Value::Color),
+            // Three numbers were the colours of builds for RGB.
+            "spectrum" if self.is_old => |t| {
+                values::spectrum(t).or_else(|expected| values::rgb(t).map_err(|_| expected)).map(Value::Color)
+            },
             "spectrum" => |t| values::spectrum(t).map(Value::Color),
             "vector" | "point" => |t| values::vector(t).map(Value::Vector),
             _ => {
@@ -549,7 +602,7 @@ impl SceneReader<'_> {
         let allowed: &[&str] =
             if coordinates { &["name", "value", "x", "y", "z"] } else { &["name", "value"] };
         let attributes = self.attributes(node, at, allowed)?;
-        let name = attributes.require("name", &self.document)?.0.to_owned();
+        let name = self.current_name(attributes.require("name", &self.document)?.0);
         if coordinates && attributes.get("value").is_none() {
             let mut v = [0.0; 3];
             for (x, axis) in v.iter_mut().zip(["x", "y", "z"]) {
@@ -565,6 +618,37 @@ impl SceneReader<'_> {
         }
         let value = self.parsed(parse(text), text, value_at)?;
         Ok(Property { name, value, text: text.to_owned(), at })
+    }
+
+    /// Of Mitsuba 0.x: a temperature in kelvin, and a factor.
+    fn black_body(&mut self, node: Node, at: Span) -> Result<Property, LoadError> {
+        let attributes = self.attributes(node, at, &["name", "temperature", "scale"])?;
+        let name = self.current_name(attributes.require("name", &self.document)?.0);
+        let (text, value_at) = attributes.require("temperature", &self.document)?;
+        let temperature =
+            self.parsed(values::float(text.trim().trim_end_matches(['k', 'K'])), text, value_at)?;
+        // Wavelengths in reach of single precision, so that nothing overflows.
+        if !(1.0..=1e9).contains(&temperature) {
+            return self.error(value_at, format!("a temperature of {temperature}"), "1 to 1e9 kelvin");
+        }
+        let scale = attributes.get("scale").map(|(text, at)| self.parsed(values::float(text), text, at));
+        let mut color = spectra::black_body(temperature);
+        color.emission *= scale.transpose()?.unwrap_or(1.0);
+        let value = Value::Color(Color::Wavelengths(color));
+        Ok(Property { name, value, text: text.to_owned(), at })
+    }
+
+    fn spectrum_file(&mut self, node: Node, at: Span) -> Result<Property, LoadError> {
+        let attributes = self.attributes(node, at, &["name", "filename"])?;
+        let name = self.current_name(attributes.require("name", &self.document)?.0);
+        let (file, file_at) = attributes.require("filename", &self.document)?;
+        let path = self.document.resolve_path(file, file_at);
+        let bytes = self.log.read(&path, Some(&self.document.locate(file_at)))?;
+        let color = values::spectrum_file(&String::from_utf8_lossy(&bytes)).ok_or_else(|| {
+            let expected = "a wavelength and a value per line, in ascending order";
+            LoadError::new(Location::file(&path), "no spectrum", expected)
+        })?;
+        Ok(Property { name, value: Value::Color(Color::Wavelengths(color)), text: file.to_owned(), at })
     }
 
     fn parsed<T>(&self, value: Result<T, Expected>, text: &str, at: Span) -> Result<T, LoadError> {
@@ -609,7 +693,7 @@ impl SceneReader<'_> {
                 let angle = self.parsed(values::float(text), text, angle_at)?;
                 Ok(DAffine3::from_axis_angle(axis, angle.to_radians()))
             }
-            "lookat" => {
+            tag if tag == "lookat" || (tag == "lookAt" && self.is_old) => {
                 let attributes = self.attributes(node, at, &["origin", "target", "up"])?;
                 let mut points = [DVec3::ZERO; 2];
                 for (point, name) in points.iter_mut().zip(["origin", "target"]) {
@@ -680,6 +764,26 @@ impl SceneReader<'_> {
         }
         None
     }
+}
+
+/// Whether an element may stand in a scene.
+fn is_known(tag: &str) -> bool {
+    const VALUES: [&str; 13] = [
+        "ref",
+        "float",
+        "integer",
+        "boolean",
+        "string",
+        "rgb",
+        "srgb",
+        "spectrum",
+        "blackbody",
+        "vector",
+        "point",
+        "transform",
+        "include",
+    ];
+    Category::from_tag(tag).is_some() || VALUES.contains(&tag)
 }
 
 /// The XML parser takes quadratic time in the attributes of an element, to find repetitions, and has no limit for one

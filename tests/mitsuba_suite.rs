@@ -1,0 +1,145 @@
+//! Scenes of Mitsuba's own renders test suite against the reference images that come with them.
+//!
+//! As Mitsuba's test does it: a pixel's difference from the reference in units of its standard error (from the variance of one sample, which comes with the
+//! reference) has a p-value, and Sidak's correction for the number of pixels says which is too small at 1 %. References are noisy themselves
+//! and variances are estimates, so a quarter of a percent of the values may fail, as there. Where the variance is nearly 0 any rounding is
+//! many errors: differences below a thousandth of the image's mean count for none. The mean over the image is compared too, by 5 errors plus that
+//! thousandth: a false alarm has a chance below 1e-6 there.
+
+use std::path::{Path, PathBuf};
+
+use exr::prelude::{ReadChannels, ReadLayers};
+use helmholtz::film::{AovSet, Film};
+use helmholtz::integrators::Integrator;
+use helmholtz::query::RayQuery;
+use helmholtz::render::{Control, Stop, Target, render};
+use helmholtz::scene::Scene;
+use helmholtz::scene::load::{LoadOptions, load};
+use helmholtz::transport::World;
+
+use crate::backends::{BackendTest, on_each_backend};
+use crate::statistics::{erfc, sidak};
+
+/// Folder, scene, reference; and, for those that are not supported yet, a part of the error.
+const SCENES: &[(&str, &str, &str, Option<&str>)] = &[
+    ("bsdf_spheres", "test_arealight_path", "test_arealight", None),
+    ("bsdf_spheres", "test_constant_path", "test_constant", None),
+    ("bsdf_spheres", "test_roughdielectric_path", "test_roughdielectric", None),
+    ("bsdf_spheres", "test_roughplastic_linear_path", "test_roughplastic_linear", None),
+    ("bsdf_spheres", "test_textured_diffuse_path", "test_textured_diffuse", None),
+    ("floating_sphere", "test_directional_direct", "test_directional", None),
+    ("instancing", "test_instancing_path", "test_instancing", None),
+    (
+        "mesh_attributes",
+        "test_mesh_attributes_3_vertex_direct",
+        "test_mesh_attributes_3_vertex",
+        Some("texture `mesh_attribute`"),
+    ),
+    ("orthographic_sensor", "test_orthographic_path", "test_orthographic", None),
+];
+
+const SPP: u32 = 128;
+const SIGNIFICANCE: f64 = 0.01;
+/// Of the values of an image that may be rejected, as in Mitsuba's test.
+const TOLERATED: f64 = 0.0025;
+
+fn channels(path: &Path) -> Vec<Vec<f32>> {
+    let image = exr::prelude::read()
+        .no_deep_data()
+        .largest_resolution_level()
+        .all_channels()
+        .first_valid_layer()
+        .all_attributes()
+        .from_file(path)
+        .unwrap_or_else(|e| panic!("{}: {e}", path.display()));
+    let list = &image.layer_data.channel_data.list;
+    let named = |name: &str| {
+        let channel = list.iter().find(|c| c.name.to_string() == name).expect("R, G and B");
+        channel.sample_data.values_as_f32().collect()
+    };
+    ["R", "G", "B"].into_iter().map(named).collect()
+}
+
+struct Case<'a> {
+    name: &'a str,
+    scene: &'a Scene,
+    reference: &'a [Vec<f32>],
+    variance: &'a [Vec<f32>],
+}
+
+impl BackendTest for Case<'_> {
+    fn run<Q: RayQuery>(&self, backend: &str, query: &Q) {
+        let world = World::new(self.scene);
+        let settings = &self.scene.integrator;
+        let name = settings.name.as_deref().expect("the scenes name their integrator");
+        let integrator = Integrator::new(name, &settings.parameters).expect("a known integrator");
+        let mut film =
+            Film::new(&self.scene.film, AovSet::default(), world.lights.radiance_unit()).expect("a film");
+        let stop = Stop { passes: 0..SPP, time: None };
+        render(&world, query, &Target { integrator, seed: 1 }, &mut film, &stop, |_| Control::Continue)
+            .expect("rendered");
+        let image = film.develop();
+        let mut rejected = 0;
+        let mut total = 0;
+        for (channel, (reference, variance)) in
+            ["R", "G", "B"].iter().zip(self.reference.iter().zip(self.variance))
+        {
+            let ours = image.floats(channel).expect("a colour");
+            assert_eq!(ours.len(), reference.len(), "{}", self.name);
+            let count = ours.len() as f64;
+            let mean = |values: &[f32]| values.iter().map(|&x| f64::from(x)).sum::<f64>() / count;
+            let trifle = 1e-3 * mean(reference);
+            let limit = sidak(SIGNIFICANCE, 3 * ours.len());
+            for ((&a, &b), &v) in ours.iter().zip(reference).zip(variance) {
+                let difference = (f64::from(a) - f64::from(b)).abs();
+                let error = (f64::from(v).max(0.0) / f64::from(SPP)).sqrt();
+                let p_value = erfc(difference / error.max(f64::MIN_POSITIVE) / std::f64::consts::SQRT_2);
+                rejected += usize::from(difference > trifle && p_value < limit);
+            }
+            total += ours.len();
+            // Estimated from few samples, some variances are below 0.
+            let variance = variance.iter().map(|&v| f64::from(v).abs()).sum::<f64>() / count;
+            let error = (variance / f64::from(SPP) / count).sqrt();
+            let difference = (mean(ours) - mean(reference)).abs();
+            // The reference has an error of the same kind.
+            assert!(
+                difference < 5.0 * error * std::f64::consts::SQRT_2 + trifle,
+                "{} on {backend}: mean {} of {channel}, but the reference has {} (error {error})",
+                self.name,
+                mean(ours),
+                mean(reference),
+            );
+        }
+        let share = rejected as f64 / total as f64;
+        assert!(share <= TOLERATED, "{} on {backend}: {rejected} of {total} values are rejected", self.name);
+    }
+}
+
+#[test]
+fn mitsubas_suite_is_rendered_as_its_references() {
+    let root =
+        PathBuf::from(concat!(env!("CARGO_MANIFEST_DIR"), "/../shared/testdata/mitsuba-suite/tests/scenes"));
+    if !root.exists() {
+        eprintln!("skipped: {} is absent", root.display());
+        return;
+    }
+    let mut failures = Vec::new();
+    for (folder, scene, reference, unsupported) in SCENES {
+        let found = load(&root.join(folder).join(format!("{scene}.xml")), &LoadOptions::default());
+        if let Some(words) = unsupported {
+            let error = found.expect_err("not supported yet").to_string();
+            assert!(error.contains(words), "{error}");
+            continue;
+        }
+        let loaded = found.unwrap_or_else(|error| panic!("{error}")).scene;
+        let refs = root.join(folder).join("refs");
+        let image = channels(&refs.join(format!("{reference}_ref_rgb.exr")));
+        let variance = channels(&refs.join(format!("{reference}_ref_rgb_var.exr")));
+        let case = Case { name: scene, scene: &loaded, reference: &image, variance: &variance };
+        let run = std::panic::AssertUnwindSafe(|| on_each_backend(&loaded.shapes, &case));
+        if std::panic::catch_unwind(run).is_err() {
+            failures.push(*scene);
+        }
+    }
+    assert!(failures.is_empty(), "these differ from their references: {}", failures.join(", "));
+}
