@@ -60,7 +60,8 @@ impl Photons {
             }
             Disc::Nearest { k, radius_squared: limit } => {
                 // The photons nearer than the one after the k nearest are as if strewn over a disc of that radius (of Poisson
-                // points, k / (pi r^2) with the r of the k-th itself would be too much by k / (k - 1)).
+                // points, k / (pi r^2) with the r of the k-th itself would be too much by k / (k - 1)). Stratified photons are more even than
+                // that, which leaves up to 1 / (2 k) too little with the constant filter.
                 let heap = &mut scratch.nearest;
                 self.map.nearest(&site, k + 1, limit, accepts, heap);
                 let is_bounded = heap.len() <= k && limit < f32::INFINITY;
