@@ -117,7 +117,7 @@ impl Backward {
             let mut ray = walk.ray;
             let Some(hit) = self.next_hit(world, query, &mut ray, depth) else {
                 observer.segment(walk.mode, depth, &walk.ray, None, walk.beta);
-                if !(self.hide_emitters && depth == 1) && !is_caustic {
+                if !(is_caustic || self.hide_emitters && depth == 1) {
                     radiance += hit_environment(world, &walk, depth, observer);
                 }
                 break;

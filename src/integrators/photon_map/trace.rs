@@ -141,8 +141,12 @@ fn shrink(alpha: f64, index: u32) -> f64 {
     if index <= EXACT {
         return product;
     }
-    let ln_gamma = |x: f64| (x - 0.5) * x.ln() - x + 1.0 / (12.0 * x) - 1.0 / (360.0 * x.powi(3));
-    let ln_ratio = |i: u32| ln_gamma(f64::from(i) + 1.0 + alpha) - ln_gamma(f64::from(i) + 2.0);
+    let tail = |x: f64| 1.0 / (12.0 * x) - 1.0 / (360.0 * x.powi(3));
+    // ln(gamma(a) / gamma(b)), ordered so that large terms do not cancel.
+    let ln_ratio = |i: u32| {
+        let (a, b) = (f64::from(i) + 1.0 + alpha, f64::from(i) + 2.0);
+        (b - 0.5) * ((a - b) / b).ln_1p() + (a - b) * (a.ln() - 1.0) + tail(a) - tail(b)
+    };
     product * (ln_ratio(index) - ln_ratio(EXACT)).exp()
 }
 
