@@ -11,7 +11,7 @@
 //! | [`cli`] | one file per subcommand; all printing to people happens there |
 //! | [`render`] | the driver: passes, threads, progress, stop conditions, checkpoints |
 //! | [`strategies`] | the driver for images of single strategies |
-//! | [`integrators`] | one file per algorithm |
+//! | [`integrators`] | one file or folder per algorithm |
 //! | [`transport`] | what integrators share: BSDFs, emitters, camera importance, subpath walk, MIS |
 //! | [`film`] | accumulation, reconstruction filters, AOVs, EXR and PNG output |
 //! | [`sampling`] | sampler (per pixel, pass and dimension), warps, discrete distributions |

@@ -41,6 +41,8 @@ pub struct Progress {
     pub passes: u32,
     /// Rays traced by this call, closest-hit and occlusion.
     pub rays: u64,
+    /// Photons stored by this call.
+    pub photons: u64,
     /// Time since this call began.
     pub elapsed: Duration,
 }
@@ -81,7 +83,7 @@ pub fn render<Q: RayQuery>(
             break;
         }
         pool.clear();
-        let pass = Pass { world, query, seed: target.seed, index, area: samples.area() };
+        let pass = Pass::new(world, query, target.integrator, target.seed, index, samples.area());
         // The forward integrator sends rays from the camera only if an AOV asks what they see.
         let is_forward = matches!(target.integrator, Integrator::Forward(_));
         let with_samples = !is_forward || film.aovs().needs_records();
@@ -91,10 +93,11 @@ pub fn render<Q: RayQuery>(
         if is_forward {
             trace_light_paths(&pass, target.integrator, &pool);
         }
-        let rays = pool.gather();
+        let rays = pool.gather() + pass.photons.rays;
         film.add_pass(index, with_samples.then_some(&samples), pool.splats())?;
         done.passes += 1;
         done.rays += rays;
+        done.photons += pass.photons.map.photons().len() as u64;
         done.elapsed = start.elapsed();
         if progress(&done) == Control::Stop {
             break;
@@ -205,6 +208,7 @@ pub fn sample_pixel<'w, Q: RayQuery, O: PathObserver>(
         Integrator::Bidirectional(bidirectional) => {
             bidirectional.sample(pass, pixel, ray, &sampler, scratch, observer)
         }
+        Integrator::PhotonMap(mapper) => mapper.sample(pass, ray, &sampler, scratch, observer),
     };
     Sample { jitter, radiance }
 }
@@ -219,7 +223,7 @@ pub fn trace_light_path<'w, Q: RayQuery, O: PathObserver>(
     observer: &mut O,
 ) {
     match integrator {
-        Integrator::Backward(_) => {}
+        Integrator::Backward(_) | Integrator::PhotonMap(_) => {}
         Integrator::Forward(forward) => forward.trace_light_path(pass, slot, scratch, observer),
         Integrator::Bidirectional(bidirectional) => {
             bidirectional.trace_light_path(pass, slot, scratch, observer);

@@ -68,7 +68,7 @@ impl StrategyImages {
         index: u32,
     ) -> Result<(), FilmError> {
         let area = Film::new(&self.settings, AovSet::default(), self.radiance_unit)?.sampled_area();
-        let pass = Pass { world, query, seed: target.seed, index, area };
+        let pass = Pass::new(world, query, target.integrator, target.seed, index, area);
         let mut splats: BTreeMap<Strategy, [Vec<Splat>; 2]> = BTreeMap::new();
         for Contribution { strategy, film, value, weight } in collect(&pass, target.integrator) {
             let [weighted, unweighted] = splats.entry(strategy).or_default();

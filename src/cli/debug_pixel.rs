@@ -25,7 +25,7 @@ pub(super) fn describe<Q: RayQuery>(
     let mut text = String::new();
     let pixel = pixel.as_ivec2();
     for index in passes {
-        let pass = Pass { world, query, seed: target.seed, index, area };
+        let pass = Pass::new(world, query, target.integrator, target.seed, index, area);
         let mut scratch = Scratch::default();
         let mut printer = Printer { world, text: format!("pixel {},{} pass {index}\n", pixel.x, pixel.y) };
         let sample = sample_pixel(&pass, target.integrator, pixel, &mut scratch, &mut printer);

@@ -17,6 +17,7 @@ use super::progress::Bar;
 use super::{CliError, EXIT_DONE, EXIT_INTERRUPTED, debug_pixel};
 use crate::film::state::{RenderIdentity, load_state, save_state};
 use crate::film::{Aov, AovSet, Film, output};
+use crate::integrators::photon_map::Lookup;
 use crate::integrators::{Integrator, IntegratorError};
 use crate::query::{Backend, RayQuery};
 use crate::render::{Control, Progress, Stop, Target, render};
@@ -42,6 +43,8 @@ const MAX_STRATEGY_DEPTH: u32 = 10;
   helmholtz render room.xml --integrator path:max_depth=4 --spp 256
   helmholtz render room.xml --integrator bdpt:max_depth=8 --time 10m
   helmholtz render room.xml --integrator bdpt:max_depth=5 --size 256x256 --strategies pyramid
+  helmholtz render room.xml --integrator sppm:photons=500000 --time 10m
+  helmholtz render room.xml --integrator photonmapper:mode=caustic,lookup=radius --time 10m
   helmholtz render room.xml --backend obvhs --size 640x360
   helmholtz render room.xml --passes 0..64 --save-state a.state    (on one machine)
   helmholtz render room.xml --passes 64..128 --save-state b.state  (on another)
@@ -78,7 +81,9 @@ pub(super) struct RenderArgs {
     #[arg(long, value_name = "NAME:KEY=VALUE,...", value_parser = parse::spec)]
     backend: Option<Spec>,
     /// Algorithm instead of the scene's: path, paths from the camera (max_depth, rr_depth, hide_emitters); ptracer, paths from the lights
-    /// (max_depth, rr_depth, connect=nee|hit|both); bdpt, both and their connections (max_depth, rr_depth, exponent=1|2)
+    /// (max_depth, rr_depth, connect=nee|hit|both); bdpt, both and their connections (max_depth, rr_depth, exponent=1|2); photonmapper, photons from
+    /// the lights gathered around what the camera sees (max_depth, rr_depth, photons, lookup=knn|radius, k, radius, filter=constant|cone|gaussian,
+    /// direct=photons|nee, mode=full|caustic, final_gather); sppm, the same with a radius that shrinks from pass to pass (alpha, and no lookup or k)
     #[arg(long, value_name = "NAME:KEY=VALUE,...", value_parser = parse::spec)]
     integrator: Option<Spec>,
     /// Replace $NAME in the scene file
@@ -240,6 +245,7 @@ impl Job<'_> {
         let report = Report { job: &self, film: &film, progress, build_time, backend: query.name() };
 
         report.print_dropped();
+        self.say(&report.photon_warnings());
         self.say(&self.outputs.write(&film, &report.metadata())?);
         let was_interrupted = interrupted.load(Ordering::Relaxed);
         if let Some(path) = self.state_path(was_interrupted) {
@@ -264,6 +270,11 @@ impl Job<'_> {
     }
 
     fn strategies<Q: RayQuery>(&self, world: &World, query: &Q, folder: &Path) -> Result<u8, CliError> {
+        if matches!(self.target.integrator, Integrator::PhotonMap(_)) {
+            return Err(
+                "--strategies shows path, ptracer or bdpt: what photons make is no strategy of theirs".into(),
+            );
+        }
         if self.target.integrator.length().max_depth.is_none_or(|depth| depth > MAX_STRATEGY_DEPTH) {
             return Err(format!(
                 "--strategies needs an integrator with max_depth of at most {MAX_STRATEGY_DEPTH}"
@@ -417,6 +428,29 @@ impl Report<'_> {
         }
     }
 
+    /// What is odd about the photons that were stored.
+    fn photon_warnings(&self) -> Vec<String> {
+        let Integrator::PhotonMap(mapper) = self.job.target.integrator else { return Vec::new() };
+        let Progress { passes, photons, .. } = self.progress;
+        if passes == 0 {
+            return Vec::new();
+        }
+        if photons == 0 {
+            return vec![
+                "warning: no photon was stored: no light reaches a surface that is looked up".to_owned(),
+            ];
+        }
+        match mapper.lookup {
+            Lookup::Nearest { k, .. } if u64::from(k) * u64::from(passes) >= photons => {
+                vec![format!(
+                    "warning: k={k}, but a pass stored {} photons: all are taken",
+                    photons / u64::from(passes)
+                )]
+            }
+            _ => Vec::new(),
+        }
+    }
+
     /// Attributes of the EXR file.
     fn metadata(&self) -> Vec<(String, String)> {
         let passes = self.film.passes().ranges().iter().map(|r| format!("{}..{}", r.start, r.end));
@@ -444,6 +478,7 @@ impl Report<'_> {
             "passes": self.film.passes().len(),
             "passes_rendered": self.progress.passes,
             "rays": self.progress.rays,
+            "photons": self.progress.photons,
             "rays_per_second": self.rays_per_second(),
             "load_seconds": self.job.load_time.as_secs_f64(),
             "build_seconds": self.build_time.as_secs_f64(),

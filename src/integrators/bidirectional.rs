@@ -171,7 +171,7 @@ impl<Q: RayQuery, O: PathObserver> EyePath<'_, '_, '_, Q, O> {
                 self.connect_all(&end, max_depth);
             }
             let Some(scatter) = walk.scatter(&vertex, [lobe, u, v]) else { break };
-            if may_end && !walk.survives(roulette) {
+            if may_end && !walk.survives(roulette, Walk::MAX_SURVIVAL) {
                 break;
             }
             flight = h.leave(&partials, &vertex.turn(cos_in, &scatter, walk.mode));

@@ -33,9 +33,9 @@ pub(super) struct LightVertex<'w> {
 
 /// Sets of the sampler: two for the start, then two for each vertex. The first of each two holds a pair for a place (on the light, on the
 /// lens) and one for a direction, interleaved as in [`backward`](super::backward); the second all choices.
-const DIRECTION_SET: u32 = 0;
-const CHOICE_SET: u32 = 1;
-const SETS_PER_VERTEX: u32 = 2;
+pub(super) const DIRECTION_SET: u32 = 0;
+pub(super) const CHOICE_SET: u32 = 1;
+pub(super) const SETS_PER_VERTEX: u32 = 2;
 
 /// What is the same all along a light path.
 struct Tracer<'a, 'w, 's, Q, O> {
@@ -59,12 +59,11 @@ pub(super) fn trace<'w, 's, Q: RayQuery, O: PathObserver>(
     observer: &mut O,
 ) {
     scratch.light_vertices.clear();
-    let sampler = pass.light_sampler(slot);
+    let sampler = pass.light_sampler(slot, pass.light_paths());
     let [u, x, v, y] = sampler.block(DIRECTION_SET);
     let [choice, lens_u, _, lens_v] = sampler.block(CHOICE_SET);
     let Some(start) = pass.world.lights.sample_le(choice, Vec2::new(x, y), Vec2::new(u, v)) else { return };
-    // One division at a time: the product of both densities may leave the range of f32 sooner.
-    let power = start.radiance * (start.cos / start.pdf_direction_w) / start.pdf_position;
+    let power = start.power();
     let mut tracer = Tracer { weights, length, pass, start, power, scratch, observer };
     if weights.connects_lens && length.limit() >= 1 {
         tracer.connect_start(Vec2::new(lens_u, lens_v));
@@ -122,7 +121,7 @@ impl<Q: RayQuery, O: PathObserver> Tracer<'_, '_, '_, Q, O> {
             let has_choice = may_end || vertex.bsdf.has_lobes();
             let [lobe, roulette, ..] = if has_choice { sampler.block(set + CHOICE_SET) } else { [0.0; 4] };
             let Some(scatter) = walk.scatter(&vertex, [lobe, u, v]) else { break };
-            if may_end && !walk.survives(roulette) {
+            if may_end && !walk.survives(roulette, Walk::MAX_SURVIVAL) {
                 break;
             }
             flight = h.leave(&partials, &vertex.turn(cos_in, &scatter, walk.mode));

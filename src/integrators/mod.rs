@@ -10,8 +10,10 @@ mod light_path;
 mod observer;
 mod parameters;
 mod pass;
+pub mod photon_map;
 pub mod weights;
 
+pub(crate) use backward::Caustics;
 pub use observer::{PathObserver, Strategy, Unobserved};
 pub use parameters::PathLength;
 pub use pass::{Pass, Scratch};
@@ -22,6 +24,7 @@ use crate::transport::World;
 use backward::Backward;
 use bidirectional::Bidirectional;
 use forward::{Connect, Forward};
+use photon_map::PhotonMapper;
 
 /// An integrator with its parameters.
 #[derive(Debug, Clone, Copy, PartialEq)]
@@ -32,6 +35,8 @@ pub enum Integrator {
     Forward(Forward),
     /// Both, and their connections.
     Bidirectional(Bidirectional),
+    /// Photons, looked up by paths from the camera.
+    PhotonMap(PhotonMapper),
 }
 
 /// Why an integrator was refused.
@@ -68,7 +73,7 @@ pub enum IntegratorError {
 impl Integrator {
     /// Names that [`Integrator::new`] takes.
     pub const NAMES: &'static [&'static str] =
-        &["path", "backward", "ptracer", "forward", "bdpt", "bidirectional"];
+        &["path", "backward", "ptracer", "forward", "bdpt", "bidirectional", "photonmapper", "sppm"];
 
     /// The integrator called `name` with parameters given as text; those not given have their defaults.
     ///
@@ -79,6 +84,9 @@ impl Integrator {
             "path" | "backward" => Ok(Self::Backward(Backward::from_parameters(parameters)?)),
             "ptracer" | "forward" => Ok(Self::Forward(Forward::from_parameters(parameters)?)),
             "bdpt" | "bidirectional" => Ok(Self::Bidirectional(Bidirectional::from_parameters(parameters)?)),
+            "photonmapper" | "sppm" => {
+                Ok(Self::PhotonMap(PhotonMapper::from_parameters(name == "sppm", parameters)?))
+            }
             _ => Err(IntegratorError::UnknownName { name: name.to_owned() }),
         }
     }
@@ -89,6 +97,7 @@ impl Integrator {
             Self::Backward(backward) => backward.describe(),
             Self::Forward(forward) => forward.describe(),
             Self::Bidirectional(bidirectional) => bidirectional.describe(),
+            Self::PhotonMap(mapper) => mapper.describe(),
         }
     }
 
@@ -108,6 +117,7 @@ impl Integrator {
             Self::Backward(backward) => backward.length,
             Self::Forward(forward) => forward.length,
             Self::Bidirectional(bidirectional) => bidirectional.length,
+            Self::PhotonMap(mapper) => mapper.length,
         }
     }
 }

@@ -2,8 +2,11 @@
 
 use glam::{IVec2, Vec2};
 
+use super::Integrator;
 use super::light_path::LightVertex;
+use super::photon_map::{NearestHeap, Photons};
 use crate::film::{SampledArea, Splat};
+use crate::query::RayQuery;
 use crate::sampling::Sampler;
 use crate::transport::World;
 
@@ -19,6 +22,8 @@ pub struct Pass<'a, 's, Q> {
     pub index: u32,
     /// The pixels that a pass samples; splats elsewhere do not reach the film.
     pub area: SampledArea,
+    /// Photons; none unless the integrator looks them up.
+    pub photons: Photons,
 }
 
 /// Set in the streams of light paths, and in none of a pixel: no row has this number.
@@ -26,6 +31,24 @@ const LIGHT_STREAM: u64 = 1 << 63;
 
 /// Light paths that share a stream, stratified together; the sampler's sequence is that long.
 const LIGHT_PATHS_PER_STREAM_LOG2: u32 = 16;
+
+impl<'a, 's, Q: RayQuery> Pass<'a, 's, Q> {
+    /// A pass, ready for its samples: traces its photons if the integrator needs them, on all threads.
+    pub fn new(
+        world: &'a World<'s>,
+        query: &'a Q,
+        integrator: Integrator,
+        seed: u64,
+        index: u32,
+        area: SampledArea,
+    ) -> Self {
+        let mut this = Self { world, query, seed, index, area, photons: Photons::none() };
+        if let Integrator::PhotonMap(mapper) = integrator {
+            this.photons = mapper.photons(&this);
+        }
+        this
+    }
+}
 
 impl<Q> Pass<'_, '_, Q> {
     /// Number of light paths: as many as there are pixels in the sampled area. Each splat is divided by it.
@@ -49,11 +72,11 @@ impl<Q> Pass<'_, '_, Q> {
         Sampler::new(self.seed, stream, self.index)
     }
 
-    /// Random numbers of a light path. Neighbours in slots are neighbours in a low-discrepancy sequence, so that light is spread
+    /// Random numbers of the light path of a slot, of which each pass has `count`. Neighbours in slots are neighbours in a low-discrepancy sequence, so that light is spread
     /// evenly over the whole scene already within a pass.
     #[inline]
-    pub fn light_sampler(&self, slot: u64) -> Sampler {
-        let path = u64::from(self.index) * self.light_paths() + slot;
+    pub fn light_sampler(&self, slot: u64, count: u64) -> Sampler {
+        let path = u64::from(self.index) * count + slot;
         let index = path & ((1 << LIGHT_PATHS_PER_STREAM_LOG2) - 1);
         Sampler::new(self.seed, LIGHT_STREAM | path >> LIGHT_PATHS_PER_STREAM_LOG2, index as u32)
     }
@@ -71,6 +94,8 @@ impl<Q> Pass<'_, '_, Q> {
 pub struct Scratch<'w> {
     /// The present light path's vertices that can be connected.
     pub(super) light_vertices: Vec<LightVertex<'w>>,
+    /// The photons that were found last.
+    pub(super) nearest: NearestHeap,
     /// Splats of the present pass.
     pub splats: Vec<Splat>,
     /// Rays traced, closest-hit and occlusion.

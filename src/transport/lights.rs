@@ -121,6 +121,15 @@ pub struct LeSample {
     pub pdf_direction_w: f32,
 }
 
+impl LeSample {
+    /// What is emitted over its density: the power that the path carries.
+    #[inline]
+    pub fn power(&self) -> Rgb {
+        // One division at a time: the product of both densities may leave the range of f32 sooner.
+        self.radiance * (self.cos / self.pdf_direction_w) / self.pdf_position
+    }
+}
+
 /// The emitters of a scene.
 #[derive(Debug)]
 pub struct Lights<'s> {

@@ -30,6 +30,8 @@ pub struct World<'s> {
     pub lights: Lights<'s>,
     /// Camera, ready to be sampled.
     pub camera: CameraModel,
+    /// Around shapes and camera.
+    pub bounds: BoundingSphere,
 }
 
 impl<'s> World<'s> {
@@ -37,8 +39,9 @@ impl<'s> World<'s> {
     pub fn new(scene: &'s Scene) -> Self {
         let bounds = scene.shapes.iter().fold(Aabb::EMPTY, |b, s| b.union(s.geometry.bounds()));
         let camera = CameraModel::new(&scene.camera, scene.film.size);
+        let bounds = BoundingSphere::new(bounds, &camera);
         let materials = Materials::new(scene);
-        Self { scene, materials, lights: Lights::new(scene, BoundingSphere::new(bounds, &camera)), camera }
+        Self { scene, materials, lights: Lights::new(scene, bounds), camera, bounds }
     }
 }
 

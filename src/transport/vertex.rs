@@ -83,6 +83,27 @@ impl<'s> SurfaceVertex<'s> {
         self.bsdf.eval(self.wo_local, wi_local, mode) * cos
     }
 
+    /// The BSDF alone, without the cosine, for radiance from direction `wi`.
+    #[inline]
+    pub fn bsdf_value(&self, wi: Vec3) -> Rgb {
+        let wi_local = self.frame.to_local(wi);
+        if !self.sides_agree(wi, wi_local) || !self.sides_agree(self.wo, self.wo_local) {
+            return Rgb::ZERO;
+        }
+        self.bsdf.eval(self.wo_local, wi_local, TransportMode::Radiance)
+    }
+
+    /// Factor on power that arrives from `wo`, to be used with [`bsdf_value`](Self::bsdf_value). The surface catches flux by the cosine with its geometric
+    /// normal and scatters it by that with its shading normal; the factor is the quotient of both.
+    #[inline]
+    pub fn incidence_correction(&self) -> f32 {
+        if self.point.ng == self.point.ns {
+            1.0
+        } else {
+            (self.wo_local.z / self.wo.dot(self.point.ng)).abs()
+        }
+    }
+
     /// Density per solid angle with which [`scatter`](Self::scatter) draws `wi`; without delta lobes.
     #[inline(always)]
     pub fn pdf_w(&self, wi: Vec3, mode: TransportMode) -> f32 {

@@ -5,9 +5,6 @@ use super::vertex::{Scatter, SurfaceVertex};
 use crate::query::Ray;
 use crate::scene::Rgb;
 
-/// Greatest survival probability of Russian roulette, as Mitsuba has it: a path in a scene that absorbs nothing still ends.
-const MAX_SURVIVAL: f32 = 0.95;
-
 /// The growing end of a subpath.
 #[derive(Debug, Clone, Copy)]
 pub struct Walk {
@@ -27,6 +24,9 @@ pub struct Walk {
 }
 
 impl Walk {
+    /// Greatest survival probability of Russian roulette, as Mitsuba has it: a path in a scene that absorbs nothing still ends.
+    pub const MAX_SURVIVAL: f32 = 0.95;
+
     /// A walk that starts with `ray` and throughput `beta`.
     #[inline]
     pub fn new(mode: TransportMode, ray: Ray, beta: Rgb) -> Self {
@@ -48,9 +48,10 @@ impl Walk {
     }
 
     /// Russian roulette: ends the path with a probability that keeps its throughput near 1. `false` where it ends.
+    /// `most` is the greatest probability to go on: [`MAX_SURVIVAL`](Self::MAX_SURVIVAL) but for a few first events.
     #[inline(always)]
-    pub fn survives(&mut self, u: f32) -> bool {
-        let survival = (self.beta.max_element() * self.eta_scale).min(MAX_SURVIVAL);
+    pub fn survives(&mut self, u: f32, most: f32) -> bool {
+        let survival = (self.beta.max_element() * self.eta_scale).min(most);
         if u >= survival {
             return false;
         }

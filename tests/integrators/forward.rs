@@ -31,7 +31,13 @@ struct Case<'a> {
     passes: u32,
 }
 
-fn means<Q: RayQuery>(scene: &Scene, query: &Q, integrator: Integrator, first: u64, passes: u32) -> Moments {
+pub(super) fn means<Q: RayQuery>(
+    scene: &Scene,
+    query: &Q,
+    integrator: Integrator,
+    first: u64,
+    passes: u32,
+) -> Moments {
     let world = World::new(scene);
     let images = render_runs(scene, &world, query, integrator, first..first + 32, passes);
     let mean =
@@ -71,7 +77,7 @@ fn check(name: &str, scene: &Scene, (tested, parameters): (&str, &str), expected
 }
 
 /// A point light over a large diffuse floor, seen from above.
-fn point_over_floor() -> Scene {
+pub(super) fn point_over_floor() -> Scene {
     let floor = quad(Vec3::new(-20.0, -20.0, 4.0), Vec3::Y * 40.0, Vec3::X * 40.0);
     let mut scene = empty()
         .shape(floor, diffuse(0.6), None)
@@ -82,7 +88,7 @@ fn point_over_floor() -> Scene {
 }
 
 /// Radiance of a diffuse floor under a point light: albedo / pi * I / d^2.
-const UNDER_POINT: f64 = 0.6 / PI * 3.0 / 4.0;
+pub(super) const UNDER_POINT: f64 = 0.6 / PI * 3.0 / 4.0;
 
 /// All three ways against the closed form; by light paths alone too few would hit so small a view.
 #[test]
@@ -98,7 +104,7 @@ fn a_point_light_over_a_floor() {
 }
 
 /// A mirror fills the view; in it are a lit floor and a lamp. The lecture: "if the eye sees a mirror, it will be black".
-fn mirror() -> Scene {
+pub(super) fn mirror() -> Scene {
     let metal = Material::Conductor {
         eta: Rgb::ZERO.into(),
         k: Rgb::ONE.into(),
@@ -172,7 +178,7 @@ fn caustics_of_a_point_light_appear() {
 }
 
 /// A lamp in a corner and what it lights, in colour and off centre, for crops and sizes.
-fn lit_corner() -> Scene {
+pub(super) fn lit_corner() -> Scene {
     let lamp = quad(Vec3::new(-1.0, 1.5, 3.0), Vec3::X * 2.0, Vec3::Z * 1.0);
     empty()
         .shape(quad(Vec3::new(-3.0, -1.0, 2.0), Vec3::Z * 4.0, Vec3::X * 6.0), diffuse(0.7), None)

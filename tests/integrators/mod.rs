@@ -2,5 +2,6 @@
 
 mod agreement;
 mod forward;
+mod photons;
 mod strategies;
 mod weights;

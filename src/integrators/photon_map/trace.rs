@@ -1,0 +1,170 @@
+//! Phase 1: photons are sent out and stored, and how a pass looks them up is settled.
+
+use glam::Vec2;
+use rayon::prelude::*;
+
+use super::super::light_path::{CHOICE_SET, DIRECTION_SET, SETS_PER_VERTEX};
+use super::super::pass::Pass;
+use super::kernel::Filter;
+use super::map::PhotonMap;
+use super::photon::Photon;
+use super::{Direct, Lookup, Mode, PhotonMapper};
+use crate::query::RayQuery;
+use crate::scene::Rgb;
+use crate::transport::bsdf::TransportMode;
+use crate::transport::vertex::SurfaceVertex;
+use crate::transport::walk::Walk;
+
+/// Photon paths that one task traces.
+const PATHS_PER_TASK: u32 = 4096;
+
+/// Number of segments after which survival is no longer certain even where nothing is absorbed.
+const FAIR_DEPTH: u32 = 32;
+
+/// Radius of the disc by default, in radii of the sphere around scene and camera.
+const DEFAULT_RADIUS: f32 = 1.0 / 200.0;
+
+/// The photons of a pass and how they are looked up.
+#[derive(Debug)]
+pub struct Photons {
+    /// The photons.
+    pub map: PhotonMap,
+    /// Rays that were traced to store them.
+    pub rays: u64,
+    pub(super) disc: Disc,
+    pub(super) filter: Filter,
+}
+
+/// The photons that an estimate takes in the present pass.
+#[derive(Debug, Clone, Copy)]
+pub(super) enum Disc {
+    /// The nearest `k` that are within the root of `radius_squared`.
+    Nearest { k: usize, radius_squared: f32 },
+    /// All within the root of `radius_squared`.
+    Radius { radius_squared: f32 },
+}
+
+impl Photons {
+    /// No photons.
+    pub(in crate::integrators) fn none() -> Self {
+        let disc = Disc::Radius { radius_squared: 0.0 };
+        Self { map: PhotonMap::new(Vec::new()), rays: 0, disc, filter: Filter::Constant }
+    }
+}
+
+impl PhotonMapper {
+    /// The photons of a pass: a function of the pass alone, however many threads trace them.
+    pub(in crate::integrators) fn photons<Q: RayQuery>(&self, pass: &Pass<Q>) -> Photons {
+        let tasks: Vec<(Vec<Photon>, u64)> = (0..self.photons.div_ceil(PATHS_PER_TASK))
+            .into_par_iter()
+            .map(|task| {
+                let (mut stored, mut rays) = (Vec::new(), 0);
+                let first = task * PATHS_PER_TASK;
+                for slot in first..(first + PATHS_PER_TASK).min(self.photons) {
+                    rays += self.trace_photon(pass, slot, &mut stored);
+                }
+                (stored, rays)
+            })
+            .collect();
+        let rays = tasks.iter().map(|(_, rays)| rays).sum();
+        let mut photons = Vec::with_capacity(tasks.iter().map(|(stored, _)| stored.len()).sum());
+        for (stored, _) in tasks {
+            photons.extend(stored);
+        }
+        let scale = DEFAULT_RADIUS * pass.world.bounds.radius;
+        let disc = match self.lookup {
+            Lookup::Nearest { k, radius } => {
+                Disc::Nearest { k: k as usize, radius_squared: radius.map_or(f32::INFINITY, |r| r * r) }
+            }
+            Lookup::Radius(radius) => Disc::Radius { radius_squared: radius.unwrap_or(scale).powi(2) },
+            Lookup::Shrinking { radius, alpha } => {
+                let shrunk = shrink(f64::from(alpha), pass.index);
+                Disc::Radius { radius_squared: (f64::from(radius.unwrap_or(scale)).powi(2) * shrunk) as f32 }
+            }
+        };
+        Photons { map: PhotonMap::new(photons), rays, disc, filter: self.filter }
+    }
+
+    /// Sends out the photon of a slot and stores it where it goes. Returns the number of rays traced.
+    fn trace_photon<Q: RayQuery>(&self, pass: &Pass<Q>, slot: u32, stored: &mut Vec<Photon>) -> u64 {
+        let sampler = pass.light_sampler(u64::from(slot), u64::from(self.photons));
+        let [u, x, v, y] = sampler.block(DIRECTION_SET);
+        let [choice, ..] = sampler.block(CHOICE_SET);
+        let Some(start) = pass.world.lights.sample_le(choice, Vec2::new(x, y), Vec2::new(u, v)) else {
+            return 0;
+        };
+        let power = start.power() / self.photons as f32;
+        let mut walk = Walk::new(TransportMode::Importance, start.ray, Rgb::ONE);
+        let mut is_specular = true;
+        // The last segment of a path is the eye's.
+        let last = self.length.limit().saturating_sub(1);
+        for depth in 1..=last {
+            let Some(hit) = pass.query.intersect(&walk.ray) else { return u64::from(depth) };
+            let vertex = SurfaceVertex::new(&pass.world.materials, &hit, &walk.ray);
+            if !vertex.bsdf.is_delta() && self.stores(depth, is_specular) {
+                let power = power * walk.beta * vertex.incidence_correction();
+                if power != Rgb::ZERO {
+                    let point = &vertex.point;
+                    stored.push(Photon::new(point.p, power, vertex.wo, point.ng, depth, is_specular));
+                }
+            }
+            let set = SETS_PER_VERTEX * depth;
+            let [u, _, v, _] = sampler.block(set + DIRECTION_SET);
+            let [lobe, roulette, ..] = sampler.block(set + CHOICE_SET);
+            let Some(scatter) = walk.scatter(&vertex, [lobe, u, v]) else { return u64::from(depth) };
+            is_specular &= scatter.is_delta;
+            let has_use = self.mode == Mode::Full || is_specular;
+            let most = if depth < FAIR_DEPTH { 1.0 } else { Walk::MAX_SURVIVAL };
+            if !has_use || !walk.survives(roulette, most) {
+                return u64::from(depth);
+            }
+        }
+        u64::from(last)
+    }
+
+    /// Whether photons of a kind are looked up at all.
+    fn stores(&self, depth: u32, is_specular: bool) -> bool {
+        match self.mode {
+            Mode::Caustic => is_specular && depth > 1,
+            Mode::Full => depth > 1 || self.direct == Direct::Photons || self.final_gather > 0,
+        }
+    }
+}
+
+/// The squared radius of pass `index` over that of pass 0: the product of `(j + alpha) / (j + 1)` for j from 1 to `index`, which is
+/// `gamma(i + alpha) / (gamma(1 + alpha) gamma(i + 1))` with `i = index + 1`.
+fn shrink(alpha: f64, index: u32) -> f64 {
+    /// Factors that are multiplied one by one; Stirling's series is exact to 1e-12 beyond.
+    const EXACT: u32 = 256;
+    let factor = |j: u32| (f64::from(j) + alpha) / (f64::from(j) + 1.0);
+    let product: f64 = (1..=index.min(EXACT)).map(factor).product();
+    if index <= EXACT {
+        return product;
+    }
+    let tail = |x: f64| 1.0 / (12.0 * x) - 1.0 / (360.0 * x.powi(3));
+    // ln(gamma(a) / gamma(b)), ordered so that large terms do not cancel.
+    let ln_ratio = |i: u32| {
+        let (a, b) = (f64::from(i) + 1.0 + alpha, f64::from(i) + 2.0);
+        (b - 0.5) * ((a - b) / b).ln_1p() + (a - b) * (a.ln() - 1.0) + tail(a) - tail(b)
+    };
+    product * (ln_ratio(index) - ln_ratio(EXACT)).exp()
+}
+
+#[cfg(test)]
+mod tests {
+    use super::shrink;
+
+    /// The recursion of Knaus and Zwicker, eq. 11, done step by step.
+    #[test]
+    fn radii_follow_the_recursion() {
+        for alpha in [0.1, 0.7, 0.99] {
+            let mut expected = 1.0;
+            for i in 1..100_000_u32 {
+                let relative = shrink(alpha, i - 1) / expected;
+                assert!((relative - 1.0_f64).abs() < 1e-10, "alpha {alpha}, pass {i}: {relative}");
+                expected *= (f64::from(i) + alpha) / (f64::from(i) + 1.0);
+            }
+        }
+        assert!(shrink(0.5, u32::MAX) > 0.0);
+    }
+}
