@@ -83,7 +83,8 @@ fn all_versions_and_layouts_load() {
         for precision in [0x1000, 0x2000] {
             // Normals, texture coordinates, colours.
             let mut numbers = CORNERS.to_vec();
-            numbers.extend([0.0, 0.0, 1.0].repeat(3));
+            // Not those of the triangle, which would not be kept.
+            numbers.extend([0.0, 0.6, 0.8].repeat(3));
             numbers.extend([0.0, 0.0, 1.0, 0.0, 0.0, 1.0]);
             numbers.extend((0..9).map(|i| f64::from(i) / 8.0));
             let full = stream(version, precision | 0x000b, [3, 1], &numbers, &[2, 0, 1]);
@@ -91,7 +92,7 @@ fn all_versions_and_layouts_load() {
             let mesh = load_file(&bytes, "<integer name='shape_index' value='1'/>").expect("the second mesh");
             assert_eq!(mesh.triangles(), [[2, 0, 1]]);
             assert_eq!(mesh.positions(), [Vec3::ZERO, Vec3::X, Vec3::Y]);
-            assert_eq!(mesh.normals(), [Vec3::Z; 3]);
+            assert_eq!(mesh.normals(), [Vec3::new(0.0, 0.6, 0.8); 3]);
             assert_eq!(mesh.uvs(), [Vec2::ZERO, Vec2::X, Vec2::Y]);
             assert_eq!(mesh.attributes()[0].name, "vertex_color");
             assert_eq!(mesh.attributes()[0].values[8], 1.0);

@@ -70,7 +70,7 @@ fn clouds(count: usize, random: &mut Random) -> Vec<Vec<Photon>> {
         };
         (0..count).map(photon).collect()
     };
-    shapes.map(|shape| cloud(shape)).into()
+    shapes.map(cloud).into()
 }
 
 /// Both searches find what a look at every photon finds.
