@@ -63,7 +63,7 @@ fn records_keep_what_they_are_given() {
 fn clouds(count: usize, random: &mut Random) -> Vec<Vec<Photon>> {
     let shapes: [fn(Vec3) -> Vec3; 5] =
         [|p| p, |p| p.with_z(0.3), |_| Vec3::splat(0.5), |p| Vec3::X * p.x, |p| (p * 4.0).floor() * 0.25];
-    let mut cloud = |place: fn(Vec3) -> Vec3| {
+    let cloud = |place: fn(Vec3) -> Vec3| {
         let photon = |_| {
             let p = place(Vec3::from(random.uniform_3d()));
             Photon::new(p, Rgb::ONE, Vec3::Z, Vec3::Z, 1, true)
