@@ -210,7 +210,7 @@ fn hit_light<O: PathObserver>(
 }
 
 /// Light from a light chosen and sampled for this vertex, and the number of rays that were traced.
-#[inline]
+#[inline(always)]
 fn sample_light<Q: RayQuery, O: PathObserver>(
     world: &World,
     query: &Q,

@@ -171,7 +171,7 @@ impl CameraModel {
 
     /// The ray through a film position, from a lens point chosen by `u`. Its weight is 1: the density of film position and lens
     /// point is the camera's importance times cosine.
-    #[inline]
+    #[inline(always)]
     pub fn spawn_ray(&self, film: Vec2, u: Vec2) -> Ray {
         let plane = (Vec2::ONE - 2.0 * (film / self.film_size + self.offset)) * self.half_extent;
         if self.is_parallel {
