@@ -82,7 +82,6 @@ pub fn render<Q: RayQuery>(
         if stop.time.is_some_and(|limit| done.passes > 0 && start.elapsed() >= limit) {
             break;
         }
-        pool.clear();
         let pass = Pass::new(world, query, target.integrator, target.seed, index, samples.area());
         // The forward integrator sends rays from the camera only if an AOV asks what they see.
         let is_forward = matches!(target.integrator, Integrator::Forward(_));
@@ -94,7 +93,7 @@ pub fn render<Q: RayQuery>(
             trace_light_paths(&pass, target.integrator, &pool);
         }
         let rays = pool.gather() + pass.photons.rays;
-        film.add_pass(index, with_samples.then_some(&samples), pool.splats())?;
+        film.add_pass(index, with_samples.then_some(&samples), &pool.splats)?;
         done.passes += 1;
         done.rays += rays;
         done.photons += pass.photons.map.photons().len() as u64;
@@ -108,41 +107,59 @@ pub fn render<Q: RayQuery>(
 
 /// Memory for each thread that works on a pass, kept from pass to pass.
 #[derive(Default)]
-struct Pool<'w>(Mutex<Vec<Scratch<'w>>>);
+struct Pool<'w> {
+    workspaces: Mutex<Vec<Workspace<'w>>>,
+    /// Splats of the last pass, in the order of their tasks.
+    splats: Vec<Splat>,
+}
+
+/// A thread's memory, with an account of which task made which splats.
+#[derive(Default)]
+struct Workspace<'w> {
+    scratch: Scratch<'w>,
+    /// Tasks that made splats, and where these end.
+    tasks: Vec<(usize, usize)>,
+}
 
 impl<'w> Pool<'w> {
-    /// Lends memory to a task.
-    fn lend<R>(&self, task: impl FnOnce(&mut Scratch<'w>) -> R) -> R {
+    /// Lends memory to the task of that number.
+    fn lend<R>(&self, number: usize, task: impl FnOnce(&mut Scratch<'w>) -> R) -> R {
         // A task that panicked ends the render anyway.
-        let lock = || self.0.lock().unwrap_or_else(PoisonError::into_inner);
-        let mut scratch = lock().pop().unwrap_or_default();
-        let result = task(&mut scratch);
-        lock().push(scratch);
+        let lock = || self.workspaces.lock().unwrap_or_else(PoisonError::into_inner);
+        let mut workspace = lock().pop().unwrap_or_default();
+        let before = workspace.scratch.splats.len();
+        let result = task(&mut workspace.scratch);
+        let after = workspace.scratch.splats.len();
+        if after > before {
+            workspace.tasks.push((number, after));
+        }
+        lock().push(workspace);
         result
     }
 
-    /// Forgets the splats of the pass before.
-    fn clear(&mut self) {
-        let all = self.0.get_mut().unwrap_or_else(PoisonError::into_inner);
-        for scratch in all {
-            scratch.splats.clear();
-        }
-    }
-
-    /// Moves the splats of all threads to one place. Returns the number of rays traced since the last time.
+    /// Brings the splats of all threads into an order that does not depend on threads. Returns the number of rays traced since the last time.
     fn gather(&mut self) -> u64 {
-        let all = self.0.get_mut().unwrap_or_else(PoisonError::into_inner);
-        if let Some((first, rest)) = all.split_first_mut() {
-            for scratch in rest {
-                first.splats.append(&mut scratch.splats);
+        let Self { workspaces, splats } = self;
+        let workspaces = workspaces.get_mut().unwrap_or_else(PoisonError::into_inner);
+        splats.clear();
+        let mut parts = Vec::new();
+        for Workspace { scratch, tasks } in &*workspaces {
+            let mut start = 0;
+            for &(number, end) in tasks {
+                parts.push((number, &scratch.splats[start..end]));
+                start = end;
             }
         }
-        all.iter_mut().map(|scratch| std::mem::take(&mut scratch.rays)).sum()
-    }
-
-    fn splats(&mut self) -> &[Splat] {
-        let all = self.0.get_mut().unwrap_or_else(PoisonError::into_inner);
-        all.first().map_or(&[], |scratch| &scratch.splats)
+        parts.sort_unstable_by_key(|(number, _)| *number);
+        for (_, part) in parts {
+            splats.extend_from_slice(part);
+        }
+        let clear = |Workspace { scratch, tasks }: &mut Workspace| {
+            scratch.splats.clear();
+            tasks.clear();
+            std::mem::take(&mut scratch.rays)
+        };
+        workspaces.iter_mut().map(clear).sum()
     }
 }
 
@@ -152,8 +169,8 @@ fn sample_pixels<'w, Q: RayQuery>(
     samples: &mut PassSamples,
     pool: &Pool<'w>,
 ) {
-    samples.par_bands_mut().for_each(|mut band| {
-        pool.lend(|scratch| {
+    samples.par_bands_mut().enumerate().for_each(|(number, mut band)| {
+        pool.lend(number, |scratch| {
             band.for_each(|pixel, sample, record| {
                 *sample = match record {
                     Some(record) => sample_pixel(pass, integrator, pixel, scratch, &mut FirstHit(record)),
@@ -170,7 +187,7 @@ const LIGHT_PATHS_PER_TASK: u64 = 256;
 fn trace_light_paths<'w, Q: RayQuery>(pass: &Pass<'w, '_, Q>, integrator: Integrator, pool: &Pool<'w>) {
     let count = pass.light_paths();
     (0..count.div_ceil(LIGHT_PATHS_PER_TASK)).into_par_iter().for_each(|task| {
-        pool.lend(|scratch| {
+        pool.lend(task as usize, |scratch| {
             let first = task * LIGHT_PATHS_PER_TASK;
             for slot in first..(first + LIGHT_PATHS_PER_TASK).min(count) {
                 trace_light_path(pass, integrator, slot, scratch, &mut Unobserved);

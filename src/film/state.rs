@@ -20,7 +20,7 @@ use std::io::{self, BufReader, BufWriter, Read, Write};
 use std::path::{Path, PathBuf};
 
 const MAGIC: [u8; 8] = *b"HELMFILM";
-const VERSION: u32 = 1;
+const VERSION: u32 = 2;
 /// Bytes before the header, and of the checksum.
 const PREFIX: u64 = 16;
 const CHECKSUM: u64 = 4;
