@@ -34,7 +34,7 @@ use glam::{Vec2, Vec3};
 use std::f32::consts::FRAC_1_PI;
 
 use crate::sampling::warp::{cosine_hemisphere_pdf, square_to_cosine_hemisphere};
-use crate::scene::{Input, Material, MaterialId, Microfacet, Rgb, SurfacePoint, Texture};
+use crate::scene::{Input, Material, MaterialId, Microfacet, Place, Rgb, SurfacePoint, Textures};
 use composite::Composite;
 use conductor::{Metal, RoughConductor};
 use dielectric::{Boundary, RoughDielectric};
@@ -118,7 +118,7 @@ impl<'s> Bsdf<'s> {
     #[inline(always)]
     pub fn new(materials: &'s Materials<'s>, id: MaterialId, point: &SurfacePoint, is_above: bool) -> Self {
         let composite = |id, is_above| Composite::new(materials, id, point, is_above);
-        Self { lobe: Lobe::new(materials, id, point.uv, is_above, composite), is_above }
+        Self { lobe: Lobe::new(materials, id, point.into(), is_above, composite), is_above }
     }
 
     /// Draws a direction for the path to go on; `u[0]` chooses the lobe, the others the direction, all in [0, 1).
@@ -207,11 +207,11 @@ impl<'s> Lobe<'s> {
     fn new(
         materials: &'s Materials<'s>,
         id: MaterialId,
-        uv: Vec2,
+        place: Place,
         is_above: bool,
         composite: impl Fn(MaterialId, bool) -> Composite<'s>,
     ) -> Self {
-        let textures = &materials.scene().textures;
+        let textures = Textures::of(materials.scene());
         match materials.get(id) {
             Some(&Material::TwoSided { front, back }) => {
                 let inner = if is_above { front } else { back };
@@ -219,12 +219,12 @@ impl<'s> Lobe<'s> {
                     return Self::Black;
                 }
                 materials.get(inner).map_or(Self::Black, |material| {
-                    Self::of_material(materials, inner, material, uv, textures, || composite(inner, true))
+                    Self::of_material(materials, inner, material, place, textures, || composite(inner, true))
                 })
             }
             Some(material) => {
                 let composite = || composite(id, is_above);
-                let lobe = Self::of_material(materials, id, material, uv, textures, composite);
+                let lobe = Self::of_material(materials, id, material, place, textures, composite);
                 if is_above || matches!(lobe, Self::Composite(_)) {
                     lobe
                 } else {
@@ -241,11 +241,11 @@ impl<'s> Lobe<'s> {
         materials: &'s Materials<'s>,
         id: MaterialId,
         material: &Material,
-        uv: Vec2,
-        textures: &[Texture],
+        place: Place,
+        textures: Textures,
         composite: impl FnOnce() -> Composite<'s>,
     ) -> Self {
-        let color = |input: Input<Rgb>| input.at(textures, uv);
+        let color = |input: Input<Rgb>| input.at(textures, place);
         let factor = |input: Input<Rgb>| color(input).clamp(Rgb::ZERO, Rgb::ONE);
         let boundary = |eta, reflection, transmission| Boundary {
             eta,
@@ -258,7 +258,7 @@ impl<'s> Lobe<'s> {
                 Self::Conductor(Metal { eta: color(eta), k: color(k), tint: factor(tint) })
             }
             Material::RoughConductor { distribution, alpha, eta, k, specular_reflectance: tint } => {
-                let facets = Microfacets::new(distribution, alpha.map(|a| a.at(textures, uv)), 0.0);
+                let facets = Microfacets::new(distribution, alpha.map(|a| a.at(textures, place)), 0.0);
                 let metal = Metal { eta: color(eta), k: color(k), tint: factor(tint) };
                 Self::RoughConductor(RoughConductor { facets, metal })
             }
@@ -272,7 +272,7 @@ impl<'s> Lobe<'s> {
                 specular_reflectance,
                 specular_transmittance,
             } => {
-                let alpha = alpha.map(|a| a.at(textures, uv));
+                let alpha = alpha.map(|a| a.at(textures, place));
                 let boundary = boundary(eta, specular_reflectance, specular_transmittance);
                 Self::rough_dielectric(distribution, alpha, boundary)
             }

@@ -16,6 +16,7 @@ use crate::scene::{AnalyticKind, AnalyticShape, SurfacePoint};
 pub(super) const FAR: f32 = 1.0;
 
 impl Lights<'_> {
+    /// A point on an area light, uniform by area.
     pub(super) fn sample_area_light_uniformly(&self, light: Light, u: Vec2) -> Option<SurfacePoint> {
         match light {
             Light::Triangle { shape, triangle } => {
@@ -63,6 +64,7 @@ pub(super) fn triangle_seen_from(corners: [Vec3; 3], p: Vec3) -> Option<Spherica
 }
 
 /// The directions to a sphere.
+#[inline]
 pub(super) fn sphere_cone(analytic: &AnalyticShape, from: Vec3) -> Option<SphereCone> {
     if analytic.kind() != AnalyticKind::Sphere {
         return None;

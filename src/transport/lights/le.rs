@@ -96,11 +96,12 @@ impl Lights<'_> {
                 let point = self.sample_area_light_uniformly(light, position)?;
                 let local = square_to_cosine_hemisphere(direction);
                 let d = Frame::from_z(point.ng).to_world(local);
-                Some(LeSample {
+                let radiance = self.le(&point, d);
+                (radiance != Rgb::ZERO).then(|| LeSample {
                     light: id,
                     ray: Ray::spawn(&point, d),
                     point: Some(point),
-                    radiance: self.emission(light),
+                    radiance,
                     cos: local.z,
                     pdf_position: choice * self.inverse_areas[id.0 as usize],
                     pdf_direction_w: cosine_hemisphere_pdf(local.z),

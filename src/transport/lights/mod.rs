@@ -1,7 +1,7 @@
 //! Emitters, ready to be sampled: from a point that is to be lit (`sample_li`), or as the start of a light path (`sample_le`).
 //!
 //! Each emissive triangle, rectangle or analytic shape, each point, spot and directional light and the environment is one *light*,
-//! chosen with a probability proportional to its power. What is infinitely far away emits through a disc that covers the bounding
+//! chosen with a probability proportional to its power (with a textured radiance, by the mean over the light). What is infinitely far away emits through a disc that covers the bounding
 //! sphere. From a point, triangles, rectangles and spheres are sampled by solid angle where that is well conditioned and by area
 //! otherwise; which of the two is a function of light and point alone, so that [`Lights::pdf_li`] can tell the density of a light
 //! point that another technique found.
@@ -20,12 +20,13 @@ pub use li::LiSample;
 
 use std::f32::consts::FRAC_1_PI;
 
-use glam::Vec3;
+use glam::{Vec2, Vec3};
 
 use super::BoundingSphere;
 use crate::sampling::discrete::AliasTable;
 use crate::scene::{
-    AnalyticShape, Emitter, Geometry, Rgb, Scene, Shape, SurfacePoint, TriangleMesh, luminance,
+    AnalyticShape, Emitter, Geometry, Input, Rgb, Scene, Shape, SurfacePoint, Textures, TriangleMesh,
+    luminance,
 };
 use environment::Environment;
 use rectangle::Rectangle;
@@ -66,6 +67,7 @@ enum Light {
 #[derive(Debug)]
 pub struct Lights<'s> {
     shapes: &'s [Shape],
+    textures: Textures<'s>,
     all: Vec<Light>,
     /// One over the area of each light, 0 for those that have none.
     inverse_areas: Vec<f32>,
@@ -86,6 +88,7 @@ impl<'s> Lights<'s> {
     pub fn new(scene: &'s Scene, bounds: BoundingSphere) -> Self {
         let mut this = Self {
             shapes: &scene.shapes,
+            textures: Textures::of(scene),
             all: Vec::new(),
             inverse_areas: Vec::new(),
             rectangles: Vec::new(),
@@ -97,18 +100,19 @@ impl<'s> Lights<'s> {
             bounds,
             radiance_unit: 0.0,
         };
+        let bounds: Vec<Rgb> = scene.shapes.iter().map(|shape| this.emission_bound(shape)).collect();
         for (index, shape) in scene.shapes.iter().enumerate() {
-            if shape.emission.is_some_and(|e| e.max_element() > 0.0) {
+            if bounds[index].max_element() > 0.0 {
                 this.first_primitive[index] = this.of_primitive.len() as u32;
                 this.add_area_lights(index as u32, &shape.geometry);
             }
         }
         this.add_emitters(&scene.emitters);
-        let powers: Vec<f64> = this.all.iter().map(|&l| this.power(l)).collect();
+        let powers: Vec<f64> = this.all.iter().map(|&l| this.power(l, &bounds)).collect();
         this.table = AliasTable::new(&powers);
         let inverse_area = |area: f64| if area > 0.0 { (1.0 / area) as f32 } else { 0.0 };
         this.inverse_areas = this.all.iter().map(|&l| inverse_area(this.area(l))).collect();
-        this.radiance_unit = this.characteristic_radiance();
+        this.radiance_unit = this.characteristic_radiance(&bounds);
         this
     }
 
@@ -171,12 +175,12 @@ impl<'s> Lights<'s> {
     }
 
     /// Emitted flux of a light, by luminance, in W.
-    fn power(&self, light: Light) -> f64 {
+    fn power(&self, light: Light, bounds: &[Rgb]) -> f64 {
         use std::f64::consts::PI;
         let y = |c: Rgb| f64::from(luminance(c));
         match light {
             Light::Triangle { .. } | Light::Rectangle(_) | Light::Analytic { .. } => {
-                PI * self.area(light) * y(self.emission(light))
+                PI * self.area(light) * self.mean_luminance(light, bounds)
             }
             Light::Point { intensity, .. } => 4.0 * PI * y(intensity),
             Light::Spot(spot) => {
@@ -190,15 +194,40 @@ impl<'s> Lights<'s> {
         }
     }
 
-    /// Radiance of an area light.
-    fn emission(&self, light: Light) -> Rgb {
+    /// A radiance that a shape nowhere exceeds, per channel; 0 if it emits nothing.
+    fn emission_bound(&self, shape: &Shape) -> Rgb {
+        shape.emission.map_or(Rgb::ZERO, |radiance| self.textures.bound(radiance, shape))
+    }
+
+    /// The shape of an area light.
+    fn shape_of(&self, light: Light) -> Option<u32> {
         match light {
-            Light::Triangle { shape, .. } | Light::Analytic { shape } => self.shape_emission(shape),
-            Light::Rectangle(r) => self.shape_emission(self.rectangles[r as usize].corner.shape),
-            Light::Point { .. } | Light::Spot(_) | Light::Directional { .. } | Light::Environment => {
-                Rgb::ZERO
-            }
+            Light::Triangle { shape, .. } | Light::Analytic { shape } => Some(shape),
+            Light::Rectangle(r) => Some(self.rectangles[r as usize].corner.shape),
+            Light::Point { .. } | Light::Spot(_) | Light::Directional { .. } | Light::Environment => None,
         }
+    }
+
+    /// Mean luminance of an area light over its surface; of a texture the mean over a grid, and at least a hundredth of its bound, so that
+    /// no light is left out because the grid missed what emits.
+    fn mean_luminance(&self, light: Light, bounds: &[Rgb]) -> f64 {
+        /// Points on a light, and on all lights of a shape together.
+        const MOST: usize = 1024;
+        const MOST_OF_SHAPE: usize = 16 * MOST;
+        let Some(shape) = self.shape_of(light) else { return 0.0 };
+        let radiance = match self.shapes[shape as usize].emission {
+            None => return 0.0,
+            Some(Input::Constant(radiance)) => return f64::from(luminance(radiance)),
+            Some(radiance) => radiance,
+        };
+        let lights = self.shapes[shape as usize].geometry.primitive_count().max(1) as usize;
+        let n = (MOST_OF_SHAPE / lights).clamp(4, MOST).isqrt() as u16;
+        let middle = |i: u16| (f32::from(i) + 0.5) / f32::from(n);
+        let cells = (0..n).flat_map(|y| (0..n).map(move |x| Vec2::new(middle(x), middle(y))));
+        let points = cells.filter_map(|u| self.sample_area_light_uniformly(light, u));
+        let value = |p: SurfacePoint| luminance(radiance.at(self.textures, (&p).into()).max(Rgb::ZERO));
+        let sum: f64 = points.map(|p| f64::from(value(p))).sum();
+        (sum / f64::from(n).powi(2)).max(0.01 * f64::from(luminance(bounds[shape as usize])))
     }
 
     /// Area of the disc through which distant light comes.
@@ -206,10 +235,7 @@ impl<'s> Lights<'s> {
         std::f64::consts::PI * f64::from(self.bounds.radius).powi(2)
     }
 
-    fn shape_emission(&self, shape: u32) -> Rgb {
-        self.shapes[shape as usize].emission.unwrap_or(Rgb::ZERO)
-    }
-
+    #[inline]
     fn mesh(&self, shape: u32) -> Option<&'s TriangleMesh> {
         match &self.shapes[shape as usize].geometry {
             Geometry::Mesh(mesh) => Some(mesh),
@@ -217,6 +243,7 @@ impl<'s> Lights<'s> {
         }
     }
 
+    #[inline]
     fn analytic(&self, shape: u32) -> Option<&'s AnalyticShape> {
         match &self.shapes[shape as usize].geometry {
             Geometry::Analytic(analytic) => Some(analytic),
@@ -240,7 +267,7 @@ impl<'s> Lights<'s> {
         }
     }
 
-    fn characteristic_radiance(&self) -> f32 {
+    fn characteristic_radiance(&self, bounds: &[Rgb]) -> f32 {
         let far2 = self.bounds.radius * self.bounds.radius;
         self.all.iter().fold(0.0, |unit: f32, &light| {
             let radiance = match light {
@@ -249,7 +276,7 @@ impl<'s> Lights<'s> {
                 Light::Directional { irradiance, .. } => irradiance.max_element() * FRAC_1_PI,
                 Light::Environment => self.environment.as_ref().map_or(0.0, |(_, e)| e.brightest()),
                 Light::Triangle { .. } | Light::Rectangle(_) | Light::Analytic { .. } => {
-                    self.emission(light).max_element()
+                    self.shape_of(light).map_or(0.0, |shape| bounds[shape as usize].max_element())
                 }
             };
             unit.max(radiance)
@@ -273,7 +300,10 @@ impl<'s> Lights<'s> {
     #[inline]
     pub fn le(&self, point: &SurfacePoint, wo: Vec3) -> Rgb {
         match self.shapes[point.shape as usize].emission {
-            Some(radiance) if point.ng.dot(wo) > 0.0 => radiance,
+            Some(Input::Constant(radiance)) if point.ng.dot(wo) > 0.0 => radiance,
+            Some(Input::Texture(id)) if point.ng.dot(wo) > 0.0 => {
+                self.textures.color(id, point.into()).max(Rgb::ZERO)
+            }
             _ => Rgb::ZERO,
         }
     }
@@ -309,6 +339,7 @@ impl<'s> Lights<'s> {
         Some((LightId(index as u32), self.all[index], table.pdf(index)))
     }
 
+    #[inline]
     fn choice_pdf(&self, light: LightId) -> f32 {
         self.table.as_ref().map_or(0.0, |t| t.pdf(light.0 as usize))
     }
