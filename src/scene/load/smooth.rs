@@ -56,16 +56,15 @@ pub(super) fn split_creases(mesh: &mut RawMesh, angle: f64) {
         for &(t, k) in same {
             let n = flat[t as usize];
             let fits = |(first, _): &&(DVec3, u32)| *first == n || first.dot(n) > angle.cos();
-            triangles[t as usize][k] = match clusters.iter().find(fits) {
-                Some(&(_, vertex)) => vertex,
-                None => {
-                    let new = origins.len() as u32;
-                    origins.push(mesh.triangles[t as usize][k] as usize);
-                    if clusters.len() < MAX_CREASES {
-                        clusters.push((n, new));
-                    }
-                    new
+            triangles[t as usize][k] = if let Some(&(_, vertex)) = clusters.iter().find(fits) {
+                vertex
+            } else {
+                let new = origins.len() as u32;
+                origins.push(mesh.triangles[t as usize][k] as usize);
+                if clusters.len() < MAX_CREASES {
+                    clusters.push((n, new));
                 }
+                new
             };
         }
     }
