@@ -359,7 +359,13 @@ fn lights_are_chosen_by_power() {
 /// of that mean can see is chosen all the same.
 #[test]
 fn textured_lights_are_chosen_by_their_mean() {
-    let lamp = |x: f32| quad(Vec3::new(x, 2.0, 0.0), Vec3::X, Vec3::Z);
+    let lamp = |x: f32| {
+        let corners = [Vec2::ZERO, Vec2::X, Vec2::ONE, Vec2::Y];
+        let positions = corners.map(|c| Vec3::new(x + c.x, 2.0, c.y)).to_vec();
+        let triangles = vec![[0, 1, 2], [0, 2, 3]];
+        let mesh = TriangleMesh::new(positions, triangles, Vec::new(), corners.to_vec(), false);
+        Geometry::Mesh(mesh.expect("a valid mesh"))
+    };
     let pair = |texture| {
         let mut scene = empty().shape(lamp(0.0), diffuse(0.0), None).shape(
             lamp(3.0),
