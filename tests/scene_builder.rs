@@ -2,10 +2,11 @@
 
 use std::sync::Arc;
 
-use glam::{DAffine3, DVec2, DVec3, UVec2, UVec3, Vec3};
+use glam::{Affine2, DAffine3, DVec2, DVec3, UVec2, UVec3, Vec2, Vec3};
 use helmholtz::scene::{
-    AnalyticShape, Camera, Emitter, FilmSettings, Filter, FovAxis, Geometry, Image, IntegratorSettings, Lens,
-    Material, MaterialId, PixelRect, Rgb, Scene, Shape, Texels, TriangleMesh,
+    AnalyticShape, Camera, Emitter, FilmSettings, Filter, FovAxis, Geometry, Image, Input,
+    IntegratorSettings, Lens, Material, MaterialId, PixelRect, Rgb, Scene, Shape, Texels, Texture, TextureId,
+    TriangleMesh,
 };
 
 /// A scene of 8x8 pixels without shapes, seen from the origin along +z.
@@ -46,7 +47,7 @@ impl Build for Scene {
         let id = MaterialId(self.materials.len() as u32);
         self.materials.push(material);
         let name = format!("shape{}", self.shapes.len());
-        self.shapes.push(Shape { name, geometry, material: id, emission });
+        self.shapes.push(Shape { name, geometry, material: id, emission: emission.map(Into::into) });
         self
     }
 
@@ -54,6 +55,17 @@ impl Build for Scene {
         self.emitters.push(emitter);
         self
     }
+}
+
+/// The scene with the emission of its first shape in small squares of two colours.
+pub(crate) fn checkered(mut scene: Scene) -> Scene {
+    scene.textures.push(Texture::Checkerboard {
+        color0: Rgb::new(1.0, 6.0, 3.0).into(),
+        color1: Rgb::new(2.0, 0.5, 1.0).into(),
+        to_uv: Affine2::from_scale(Vec2::new(2.3, 1.7)),
+    });
+    scene.shapes[0].emission = Some(Input::Texture(TextureId(0)));
+    scene
 }
 
 pub(crate) fn diffuse(albedo: f32) -> Material {

@@ -59,6 +59,26 @@ pub struct MeshAttribute {
     pub values: Vec<f32>,
 }
 
+impl MeshAttribute {
+    /// The value of a vertex or triangle as a colour: that of one or two channels is grey.
+    #[inline]
+    fn color(&self, element: u32) -> Vec3 {
+        let first = element as usize * self.channels;
+        let values = &self.values[first..first + self.channels];
+        if self.channels < 3 { Vec3::splat(values[0]) } else { Vec3::from_slice(values) }
+    }
+
+    /// The value on a triangle, at barycentric coordinates of its second and third corner.
+    #[inline]
+    pub(super) fn at(&self, mesh: &TriangleMesh, triangle: u32, [u, v]: [f32; 2]) -> Vec3 {
+        if self.per_face {
+            return self.color(triangle);
+        }
+        let [a, b, c] = mesh.triangles[triangle as usize].map(|i| self.color(i));
+        a * (1.0 - u - v) + b * u + c * v
+    }
+}
+
 /// Triangles with shared vertices in world space. Always valid: indices are in range and coordinates are finite.
 #[derive(Debug, Clone)]
 pub struct TriangleMesh {
@@ -143,6 +163,11 @@ impl TriangleMesh {
         }
         self.attributes = attributes;
         Ok(self)
+    }
+
+    /// The attribute of a name. A mesh has few, so that they are searched one by one.
+    pub fn attribute(&self, name: &str) -> Option<&MeshAttribute> {
+        self.attributes.iter().find(|a| a.name == name)
     }
 
     /// Further attributes in the order of the file.

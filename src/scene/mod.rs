@@ -23,7 +23,7 @@ pub use material::{Material, MaterialId, Microfacet, Perturbation, Principled};
 pub use mesh::{MeshAttribute, MeshError, TriangleMesh};
 pub use shape::{Aabb, Geometry, Shape};
 pub use surface::SurfacePoint;
-pub use texture::{Bitmap, Input, TexelFilter, Texture, TextureId, Wrap};
+pub use texture::{Bitmap, Input, Place, TexelFilter, Texture, TextureId, Textures, Wrap};
 
 use glam::{UVec2, Vec3};
 

@@ -2,7 +2,7 @@
 
 use glam::Vec3;
 
-use super::{AnalyticShape, MaterialId, Rgb, TriangleMesh};
+use super::{AnalyticShape, Input, MaterialId, Rgb, TriangleMesh};
 
 /// The surface of a shape. This is the backend-neutral description that every ray-query backend is built from.
 #[derive(Debug, Clone)]
@@ -40,8 +40,8 @@ pub struct Shape {
     pub geometry: Geometry,
     /// What it is made of.
     pub material: MaterialId,
-    /// Radiance emitted from the side that the normal points to (Mitsuba's `area` emitter).
-    pub emission: Option<Rgb>,
+    /// Radiance emitted from the side that the normal points to (Mitsuba's `area` emitter); below 0 in a texture counts as 0.
+    pub emission: Option<Input<Rgb>>,
 }
 
 /// An axis-aligned box.

@@ -3,7 +3,7 @@
 use glam::{DVec3, Vec2, Vec3};
 use std::f64::consts::{PI, TAU};
 
-use super::{AnalyticKind, AnalyticShape, Geometry, Shape, TriangleMesh};
+use super::{AnalyticKind, AnalyticShape, Geometry, Rgb, Shape, TriangleMesh};
 
 /// A point on a shape, with what scattering and spawning rays need.
 #[derive(Debug, Clone, Copy, PartialEq)]
@@ -149,6 +149,23 @@ impl SurfacePoint {
         let derivatives = derivatives.map(DVec3::as_vec3);
         let sound = |d: &Vec3| d.is_finite() && *d != Vec3::ZERO;
         derivatives.iter().all(sound).then_some(derivatives)
+    }
+
+    /// The value here of an attribute of the mesh; `None` on other shapes, and if the mesh has none of that name.
+    ///
+    /// Barycentric coordinates are not kept but found again from the position, so that points cost no more where nothing asks for this.
+    pub fn mesh_attribute(&self, shapes: &[Shape], name: &str) -> Option<Rgb> {
+        let Geometry::Mesh(mesh) = &shapes[self.shape as usize].geometry else { return None };
+        let attribute = mesh.attribute(name)?;
+        let [a, b, c] = mesh.corners(self.primitive).map(Vec3::as_dvec3);
+        let (e1, e2, q) = (b - a, c - a, self.p.as_dvec3() - a);
+        let n = e1.cross(e2);
+        let area = n.length_squared();
+        // A triangle without area has the value of its first corner. Rounding of `p` may lead outside of others.
+        let share = |x: f64| if area > 0.0 { (x / area).clamp(0.0, 1.0) } else { 0.0 };
+        let u = share(q.cross(e2).dot(n));
+        let v = share(e1.cross(q).dot(n)).min(1.0 - u);
+        Some(attribute.at(mesh, self.primitive, [u as f32, v as f32]))
     }
 
     /// The surface point of a hit at distance `t` along the ray from `o` in direction `d`.

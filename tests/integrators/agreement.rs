@@ -93,6 +93,8 @@ agreements! {
     area_disk_cylinder: "area-disk-cylinder", &[BDPT, BALANCE, FORWARD], false;
     area_mesh: "area-mesh", &[BDPT, FORWARD], true;
     area_rectangle: "area-rectangle", &[BDPT, BALANCE, FORWARD], true;
+    area_textured: "area-textured", &[BDPT, FORWARD], false;
+    mesh_attribute: "mesh-attribute", &[BDPT, FORWARD], false;
     area_sphere: "area-sphere", &[BDPT, FORWARD], false;
     conductor: "conductor", &[BDPT], false;
     dielectric: "dielectric", &[BDPT], false;

@@ -250,7 +250,7 @@ fn images_survive_scale() {
 fn images_are_linear_in_emission() {
     let mean = |factor: f32| {
         let mut scene = lit_corner();
-        scene.shapes[2].emission = Some(Rgb::splat(5.0 * factor));
+        scene.shapes[2].emission = Some(Rgb::splat(5.0 * factor).into());
         let query = ObvhsQuery::new(&scene.shapes, BuildQuality::default());
         means(&scene, &query, integrator("bdpt", "max_depth=3"), 0, 4).mean() / f64::from(factor)
     };

@@ -17,7 +17,7 @@ use helmholtz::transport::World;
 use super::agreement::integrator;
 use super::forward::{UNDER_POINT, lit_corner, means, mirror, point_over_floor};
 use crate::backends::{BackendTest, on_first_backend};
-use crate::scene_builder::{Build, diffuse, empty, quad, sphere};
+use crate::scene_builder::{Build, checkered, diffuse, empty, quad, sphere};
 use crate::statistics::Random;
 
 const FILTERS: [Filter; 3] = [Filter::Constant, Filter::Cone, Filter::Gaussian];
@@ -189,6 +189,18 @@ fn images_agree_with_the_path_tracer() {
             check(&scene, ("photonmapper", &parameters), Ok(("path", &depth)), [8, 64], 0.02);
         }
     }
+}
+
+/// A lamp with a texture, near enough to the wall to be seen in it.
+#[test]
+fn textured_lamps_send_photons() {
+    let mut scene = lit_corner();
+    scene.shapes.swap(0, 2);
+    let scene = checkered(scene);
+    let path = Ok(("path", "max_depth=3"));
+    let map = "max_depth=3,photons=5000,lookup=radius,radius=0.1";
+    check(&scene, ("photonmapper", map), path, [8, 64], 0.02);
+    check(&scene, ("sppm", "max_depth=3,photons=4000,radius=0.1,alpha=0.5"), path, [48, 64], 0.01);
 }
 
 /// `sppm` against `bdpt`, and that the blur goes away: of a large first disc, more of it in the first passes than in all.

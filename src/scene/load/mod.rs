@@ -16,6 +16,7 @@ mod obj;
 mod ply;
 mod polygon;
 mod serialized;
+mod smooth;
 
 pub use error::{LoadError, Location, Position, Severity, Warning};
 

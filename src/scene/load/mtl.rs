@@ -1,7 +1,7 @@
 //! MTL material libraries of OBJ files, and what becomes of their materials.
 //!
 //! MTL describes looks for a fixed-function pipeline, not physical materials, so the translation is a choice:
-//! 1. `Ke` above 0: an area light of that radiance, whatever the surface reflects.
+//! 1. `Ke` above 0 or `map_Ke`: an area light of that radiance, `map_Ke` times `Ke` unless that is 0, whatever the surface reflects.
 //! 2. `d` below 1 (or `Tr` above 0) with an `Ni` other than 1 and without `map_d`: a smooth dielectric of that index.
 //! 3. Else `Ks` above 0 with `Kd` 0: a metal that reflects `Ks`; smooth if `illum` is 3 or 5 (the ray-traced models) or
 //!    `Ns` is 1000, the format's highest; else GGX with alpha = sqrt(2 / (Ns + 2)) (Walter et al. 2007, section 5.2).
@@ -104,7 +104,7 @@ impl<'a> Translator<'a> {
         &mut self,
         material: &tobj::Material,
         log: &mut Log,
-    ) -> (MaterialId, Option<Rgb>) {
+    ) -> (MaterialId, Option<Input<Rgb>>) {
         let warn = |log: &mut Log, message: &str| {
             log.warn(Location::file(self.obj), format!("material `{}`: {message}", material.name));
         };
@@ -114,7 +114,12 @@ impl<'a> Translator<'a> {
         let albedo = |c: Option<[f32; 3]>| c.map(|c| Vec3::from(c).clamp(Vec3::ZERO, Vec3::ONE));
         let diffuse = albedo(material.diffuse);
         let specular = albedo(material.specular).unwrap_or(Vec3::ZERO);
-        let emission = material.emissive.map(|c| Vec3::from(c).max(Vec3::ZERO)).filter(|c| *c != Vec3::ZERO);
+        let radiance = material.emissive.map(|c| Vec3::from(c).max(Vec3::ZERO)).filter(|c| *c != Vec3::ZERO);
+        let emission_map = material.unknown_param.get("map_Ke").map(String::as_str);
+        let emission = match self.map(material, emission_map, Content::Color, false, log) {
+            Some((texture, _)) => Some(self.scaled(Some(texture), radiance.unwrap_or(Vec3::ONE))),
+            None => radiance.map(Input::Constant),
+        };
         let transparency = material.unknown_param.get("Tr").and_then(|t| t.parse::<f32>().ok());
         let opacity = material.dissolve.unwrap_or(1.0 - transparency.unwrap_or(0.0)).clamp(0.0, 1.0);
         let ior = material.optical_density.filter(|&n| n > 0.0 && n != 1.0);
@@ -278,7 +283,7 @@ fn unread_maps(m: &tobj::Material) -> Vec<&str> {
         .unknown_param
         .keys()
         .map(String::as_str)
-        .filter(|k| k.starts_with("map_") || *k == "norm")
+        .filter(|k| (k.starts_with("map_") && *k != "map_Ke") || *k == "norm")
         .collect();
     maps.extend(m.shininess_texture.as_ref().map(|_| "map_Ns"));
     maps.sort_unstable();

@@ -76,16 +76,52 @@ fn parse(
     if bytes.starts_with(&[0xff, 0xfe]) || bytes.starts_with(&[0xfe, 0xff]) {
         return Err(LoadError::new(Location::file(path), "UTF-16 text", "an OBJ file in ASCII or UTF-8"));
     }
+    let mut feed = Feed::new(bytes, grouped);
+    let (mut models, materials) = read(&mut feed, path, bytes, log)?;
+    if models.iter().any(|m| lacks_some(&m.mesh)) {
+        log.note(
+            Location::file(path),
+            "some faces lack normals or texture coordinates: these are smooth and 0 there",
+        );
+        // Libraries are read again, without saying the same twice.
+        let mut feed = Feed { completed: true, ..Feed::new(bytes, grouped) };
+        models = read(&mut feed, path, bytes, &mut Log::default())?.0;
+    }
+    let groups: Vec<Group> =
+        models.into_iter().map(|m| group(m, path, log)).filter(|g| !g.mesh.triangles.is_empty()).collect();
+    if groups.is_empty() {
+        return Err(LoadError::new(
+            Location::file(path),
+            "a file without faces",
+            "at least one line `f ...`",
+        ));
+    }
+    Ok((groups, materials))
+}
+
+/// Whether some corners of faces lack what others have: then tobj leaves it out, so that the rest cannot be told apart.
+fn lacks_some(mesh: &tobj::Mesh) -> bool {
+    let vertices = mesh.positions.len() / 3;
+    let is_part = |found: usize| found != 0 && found != vertices;
+    is_part(mesh.normals.len() / 3) || is_part(mesh.texcoords.len() / 2)
+}
+
+/// What `tobj` makes of the lines.
+fn read(
+    feed: &mut Feed,
+    path: &Path,
+    bytes: &[u8],
+    log: &mut Log,
+) -> Result<(Vec<tobj::Model>, Vec<tobj::Material>), LoadError> {
     let options = tobj::LoadOptions {
         single_index: true,
         ignore_points: true,
         ignore_lines: true,
         ..Default::default()
     };
-    let mut feed = Feed::new(bytes, grouped);
     let shared_log = RefCell::new(&mut *log);
     let libraries = Cell::new(0);
-    let result = tobj::load_obj_buf(&mut feed, &options, |name| {
+    let result = tobj::load_obj_buf(feed, &options, |name| {
         libraries.set(libraries.get() + 1);
         if libraries.get() > MAX_LIBRARIES {
             return Err(tobj::LoadError::GenericFailure);
@@ -100,16 +136,7 @@ fn parse(
         let d = d.unwrap_or_else(|| Diagnosis::new(feed.line, e.to_string(), "valid Wavefront OBJ"));
         LoadError::new(Location::line(path, d.line), d.found, d.expected)
     })?;
-    let groups: Vec<Group> =
-        models.into_iter().map(|m| group(m, path, log)).filter(|g| !g.mesh.triangles.is_empty()).collect();
-    if groups.is_empty() {
-        return Err(LoadError::new(
-            Location::file(path),
-            "a file without faces",
-            "at least one line `f ...`",
-        ));
-    }
-    Ok((groups, materials.unwrap_or_default()))
+    Ok((models, materials.unwrap_or_default()))
 }
 
 fn group(model: tobj::Model, path: &Path, log: &mut Log) -> Group {
@@ -121,22 +148,6 @@ fn group(model: tobj::Model, path: &Path, log: &mut Log) -> Group {
         triangles: Vec::with_capacity(mesh.indices.len() / 3),
         attributes: Vec::new(),
     };
-    // tobj leaves out what a corner lacks, so that the rest cannot be told apart any more.
-    let vertices = raw.positions.len();
-    if !raw.normals.is_empty() && raw.normals.len() != vertices {
-        log.warn(
-            Location::file(path),
-            format!("`{name}`: some faces lack normals; those of the others are not used"),
-        );
-        raw.normals.clear();
-    }
-    if !raw.uvs.is_empty() && raw.uvs.len() != vertices {
-        log.warn(
-            Location::file(path),
-            format!("`{name}`: some faces lack texture coordinates; those of the others are not used"),
-        );
-        raw.uvs.clear();
-    }
     let bad = raw.count_bad_attributes();
     if bad > 0 {
         log.warn(
@@ -161,10 +172,12 @@ fn group(model: tobj::Model, path: &Path, log: &mut Log) -> Group {
 /// - bytes that are not UTF-8 are replaced, a line that ends in `\` is joined with the next;
 /// - `v` keeps three numbers (`tobj` fails on colours of some vertices only), `vt` gets the second that it may omit;
 /// - names are set off from their keyword by one space, and are never empty;
-/// - `l`, which `tobj` takes for a face, is left out, and without grouping so are names and materials.
+/// - `l`, which `tobj` takes for a face, is left out, and without grouping so are names and materials;
+/// - if `completed`, a normal and texture coordinates of 0 come first, and corners of faces that lack either name those.
 struct Feed<'a> {
     rest: &'a [u8],
     grouped: bool,
+    completed: bool,
     current: Cow<'a, [u8]>,
     used: usize,
     /// Lines taken so far.
@@ -174,7 +187,7 @@ struct Feed<'a> {
 impl<'a> Feed<'a> {
     fn new(bytes: &'a [u8], grouped: bool) -> Self {
         let rest = bytes.strip_prefix(b"\xef\xbb\xbf").unwrap_or(bytes);
-        Self { rest, grouped, current: Cow::Borrowed(&[]), used: 0, line: 0 }
+        Self { rest, grouped, completed: false, current: Cow::Borrowed(&[]), used: 0, line: 0 }
     }
 
     /// The next physical line with its end, empty at the end of the file.
@@ -201,6 +214,12 @@ impl<'a> Feed<'a> {
     }
 
     fn advance(&mut self) {
+        if self.completed && self.line == 0 {
+            self.line = 1;
+            self.used = 0;
+            self.current = Cow::Borrowed(b"vn 0 0 0\nvt 0 0\n");
+            return;
+        }
         let line = self.logical_line();
         self.used = 0;
         self.current = match keyword(&line) {
@@ -209,6 +228,7 @@ impl<'a> Feed<'a> {
             b"g" | b"o" | b"usemtl" | b"mtllib" => named(&line),
             b"v" => fit(line, 3),
             b"vt" => fit(line, 2),
+            b"f" if self.completed => completed(&line),
             _ => line,
         };
         if std::str::from_utf8(&self.current).is_err() {
@@ -229,6 +249,27 @@ fn named(line: &[u8]) -> Cow<'static, [u8]> {
     let (line, keyword) = (line.trim_ascii(), keyword(line));
     let name = line[keyword.len()..].trim_ascii();
     Cow::Owned([keyword, b" ", if name.is_empty() { b"unnamed" } else { name }, b"\n"].concat())
+}
+
+/// A face whose corners all have texture coordinates and normals; see [`Feed`]. What is malformed stays so.
+fn completed(line: &[u8]) -> Cow<'static, [u8]> {
+    let text = String::from_utf8_lossy(line);
+    let mut out = String::from("f");
+    for corner in text.split_whitespace().skip(1) {
+        let mut parts = corner.splitn(3, '/');
+        let position = parts.next().unwrap_or_default();
+        // Counted backwards, the first are never reached; counted from 1, all have moved on by one.
+        let mut attribute = || match parts.next().unwrap_or_default() {
+            "" => "1".to_owned(),
+            text => text
+                .parse()
+                .map_or(text.to_owned(), |i: i64| if i > 0 { i.saturating_add(1) } else { i }.to_string()),
+        };
+        let (uv, normal) = (attribute(), attribute());
+        out.extend([" ", position, "/", &uv, "/", &normal]);
+    }
+    out.push('\n');
+    Cow::Owned(out.into_bytes())
 }
 
 /// The line with exactly `count` numbers after the keyword, if it has at least one.

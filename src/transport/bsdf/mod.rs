@@ -34,7 +34,7 @@ use glam::{Vec2, Vec3};
 use std::f32::consts::FRAC_1_PI;
 
 use crate::sampling::warp::{cosine_hemisphere_pdf, square_to_cosine_hemisphere};
-use crate::scene::{Input, Material, MaterialId, Microfacet, Rgb, SurfacePoint};
+use crate::scene::{Input, Material, MaterialId, Microfacet, Place, Rgb, SurfacePoint, Textures};
 use composite::Composite;
 use conductor::{Metal, RoughConductor};
 use dielectric::{Boundary, RoughDielectric};
@@ -118,7 +118,7 @@ impl<'s> Bsdf<'s> {
     #[inline(always)]
     pub fn new(materials: &'s Materials<'s>, id: MaterialId, point: &SurfacePoint, is_above: bool) -> Self {
         let composite = |id, is_above| Composite::new(materials, id, point, is_above);
-        Self { lobe: Lobe::new(materials, id, point.uv, is_above, composite), is_above }
+        Self { lobe: Lobe::new(materials, id, point.into(), is_above, composite), is_above }
     }
 
     /// Draws a direction for the path to go on; `u[0]` chooses the lobe, the others the direction, all in [0, 1).
@@ -210,11 +210,10 @@ impl<'s> Lobe<'s> {
     fn new(
         materials: &'s Materials<'s>,
         id: MaterialId,
-        uv: Vec2,
+        place: Place,
         is_above: bool,
         composite: impl Fn(MaterialId, bool) -> Composite<'s>,
     ) -> Self {
-        let textures = &materials.scene().textures;
         let (mut id, mut is_front) = (id, is_above);
         let Some(mut material) = materials.get(id) else { return Self::Black };
         if let Material::TwoSided { front, back } = *material {
@@ -227,10 +226,10 @@ impl<'s> Lobe<'s> {
         }
         // By itself, so that the commonest lobe is written where it stays and not copied from where it might be turned over.
         if let Material::Diffuse { reflectance } = *material {
-            let reflectance = reflectance.at(textures, uv).clamp(Rgb::ZERO, Rgb::ONE);
+            let reflectance = reflectance.at(Textures::of(materials.scene()), place).clamp(Rgb::ZERO, Rgb::ONE);
             return if is_front { Self::Diffuse { reflectance } } else { Self::Black };
         }
-        let lobe = Self::of_material(materials, id, material, uv, || composite(id, is_front));
+        let lobe = Self::of_material(materials, id, material, place, || composite(id, is_front));
         if is_front || matches!(lobe, Self::Composite(_)) {
             lobe
         } else {
@@ -244,11 +243,11 @@ impl<'s> Lobe<'s> {
         materials: &'s Materials<'s>,
         id: MaterialId,
         material: &Material,
-        uv: Vec2,
+        place: Place,
         composite: impl FnOnce() -> Composite<'s>,
     ) -> Self {
-        let textures = &materials.scene().textures;
-        let color = |input: Input<Rgb>| input.at(textures, uv);
+        let textures = Textures::of(materials.scene());
+        let color = |input: Input<Rgb>| input.at(textures, place);
         let factor = |input: Input<Rgb>| color(input).clamp(Rgb::ZERO, Rgb::ONE);
         let boundary = |eta, reflection, transmission| Boundary {
             eta,
@@ -261,7 +260,7 @@ impl<'s> Lobe<'s> {
                 Self::Conductor(Metal { eta: color(eta), k: color(k), tint: factor(tint) })
             }
             Material::RoughConductor { distribution, alpha, eta, k, specular_reflectance: tint } => {
-                let facets = Microfacets::new(distribution, alpha.map(|a| a.at(textures, uv)), 0.0);
+                let facets = Microfacets::new(distribution, alpha.map(|a| a.at(textures, place)), 0.0);
                 let metal = Metal { eta: color(eta), k: color(k), tint: factor(tint) };
                 Self::RoughConductor(RoughConductor { facets, metal })
             }
@@ -275,7 +274,7 @@ impl<'s> Lobe<'s> {
                 specular_reflectance,
                 specular_transmittance,
             } => {
-                let alpha = alpha.map(|a| a.at(textures, uv));
+                let alpha = alpha.map(|a| a.at(textures, place));
                 let boundary = boundary(eta, specular_reflectance, specular_transmittance);
                 Self::rough_dielectric(distribution, alpha, boundary)
             }
