@@ -61,7 +61,8 @@ pub(crate) fn triangle(version: u16) -> Vec<u8> {
     stream(version, 0x1000, [3, 1], &CORNERS, &[0, 1, 2])
 }
 
-fn load_file(bytes: &[u8], parameters: &str) -> Result<TriangleMesh, String> {
+/// The mesh in a file, loaded by a scene.
+pub(crate) fn load_file(bytes: &[u8], parameters: &str) -> Result<TriangleMesh, String> {
     let folder = tempfile::tempdir().expect("a folder");
     std::fs::write(folder.path().join("a.serialized"), bytes).expect("written");
     let text = format!(
