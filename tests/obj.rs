@@ -37,13 +37,15 @@ enum Line {
     Other(&'static str),
 }
 
+/// Lines that say nothing about geometry.
+const OTHERS: [&str; 10] =
+    ["g a", "o b c", "g", "usemtl red", "usemtl blue ", "usemtl none", "# f 1 2", "", "s 1", "cstype x"];
+
 fn line() -> impl Strategy<Value = Line> {
-    let others =
-        ["g a", "o b c", "g", "usemtl red", "usemtl  blue ", "usemtl none", "# f 1 2", "", "s 1", "cstype x"];
     prop_oneof![
         3 => prop::array::uniform8(-1e3_f32..1e3).prop_map(Line::Vertex),
         3 => (any::<[[prop::sample::Index; 3]; 3]>(), any::<bool>()).prop_map(|(f, back)| Line::Face(f, back)),
-        1 => prop::sample::select(&others[..]).prop_map(Line::Other),
+        1 => prop::sample::select(&OTHERS[..]).prop_map(Line::Other),
     ]
 }
 
@@ -106,8 +108,11 @@ proptest! {
         space in prop::sample::select(&[" ", "\t", "   "][..]),
         end in prop::sample::select(&["\n", "\r\n"][..]),
     ) {
-        let first = [Line::Vertex([1.0, 2.0, 3.0, 0.1, 0.2, 1.0, 2.0, 2.0]), Line::Face(Default::default(), false)];
-        let text = text(&[&first[..], &lines].concat(), has, space).replace('\n', end);
+        // Each file has at least one vertex.
+        let first = [Line::Vertex([1.0, 2.0, 3.0, 0.1, 0.2, 1.0, 2.0, 2.0])];
+        let mut text = text(&[&first[..], &lines].concat(), has, space);
+        text.push_str(["f 1 1 1", "f 1/1 1/1 1/1", "f 1//1 1//1 1//1", "f 1/1/1 1/1/1 1/1/1"][usize::from(has[0]) + 2 * usize::from(has[1])]);
+        let text = text.replace('\n', end) + end;
         // A name that is missing is an error there.
         let theirs = text.replace(&format!("g{end}"), &format!("g unnamed{end}"));
         let options = tobj::LoadOptions { single_index: true, triangulate: true, ..Default::default() };

@@ -1,7 +1,7 @@
 #!/usr/bin/env python3
 """Published scenes through Mitsuba 3 and through us, compared by statistics and side by side.
 
-    .venv/bin/python tests/bench/published_scenes.py OUT --width 160 --spp 64 --runs 8 [NAME ...]
+    .venv/bin/python tests/bench/published_scenes.py OUT --width 160 --spp 64 --runs 8 [--scenes NAME ...]
 
 renders each scene below ../shared/testdata/scenes (or those named) by `path` of the same depth, `runs` times with seeds of their own on both sides, writes
 OUT/NAME.png (Mitsuba's, ours, and the difference in units of its error: grey is none, white and black six), and prints per scene: the greatest relative
@@ -111,10 +111,10 @@ def main():
     parser.add_argument("--width", type=int, default=160)
     parser.add_argument("--spp", type=int, default=64)
     parser.add_argument("--runs", type=int, default=8)
-    parser.add_argument("names", nargs="*", default=list(TABLE))
+    parser.add_argument("--scenes", nargs="+", choices=list(TABLE), default=list(TABLE))
     arguments = parser.parse_args()
     arguments.out.mkdir(parents=True, exist_ok=True)
-    for name in arguments.names or TABLE:
+    for name in arguments.scenes:
         file, depth = TABLE[name]
         path = SCENES / file
         reference, height, their_time = theirs(path, arguments.width, arguments.spp, arguments.runs, depth)
