@@ -210,7 +210,7 @@ fn fuzzed_material_libraries_are_at_most_warnings() {
 fn load_all_hostile_files() {
     let mut all = Vec::new();
     files(Path::new(FOLDER), &[], &mut all);
-    assert!(all.len() > 700, "{}", all.len());
+    assert!(all.len() > 650, "{}", all.len());
     for path in all {
         eprintln!("{}", path.display());
         let start = Instant::now();
@@ -245,7 +245,7 @@ fn hostile_files_need_little_memory() {
     // Of the file at which it ended, the name is the last line but what was said about it.
     let last: Vec<_> = text.lines().rev().take(5).collect();
     assert!(output.status.success(), "{} after: {last:#?}", output.status);
-    assert!(text.lines().count() > 700, "files were left out");
+    assert!(text.lines().count() > 650, "files were left out");
 }
 
 /// Inputs on which a loader once failed, found by the targets in `fuzz/`.

@@ -111,12 +111,13 @@ def main():
     parser.add_argument("--width", type=int, default=160)
     parser.add_argument("--spp", type=int, default=64)
     parser.add_argument("--runs", type=int, default=8)
+    parser.add_argument("--depth", type=int, help="of paths, instead of each scene's own: 2 leaves out caustics, which path hardly finds")
     parser.add_argument("--scenes", nargs="+", choices=list(TABLE), default=list(TABLE))
     arguments = parser.parse_args()
     arguments.out.mkdir(parents=True, exist_ok=True)
     for name in arguments.scenes:
         file, depth = TABLE[name]
-        path = SCENES / file
+        path, depth = SCENES / file, arguments.depth or depth
         reference, height, their_time = theirs(path, arguments.width, arguments.spp, arguments.runs, depth)
         images, notes, our_time = ours(path, arguments.width, height, arguments.spp, arguments.runs, depth)
         (arguments.out / f"{name}.log").write_text(notes)
