@@ -1,7 +1,7 @@
 //! Wavefront OBJ, and with it the materials of its MTL libraries.
 //!
-//! [`parse`] reads the file in one pass; [`diagnose`] finds the line of an error. Materials are `tobj`'s, which parses the libraries
-//! ([`mtl`]); its OBJ half took six times as long as Mitsuba's loader. See `vendor-notes/loaders.md`.
+//! `parse` reads the file in one pass; `diagnose` finds the line of an error. Materials are `tobj`'s, which parses the libraries
+//! (`mtl`); its OBJ half took six times as long as Mitsuba's loader. See `vendor-notes/loaders.md`.
 
 mod diagnose;
 mod parse;

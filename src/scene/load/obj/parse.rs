@@ -1,7 +1,7 @@
 //! The one pass over an OBJ file: attributes, faces and parts as the text lists them.
 //!
 //! Indices are checked when parts become meshes, so that faces may come before what they name. What is wrong with a line that is
-//! refused is not worked out here but in [`diagnose`](super::diagnose).
+//! refused is not worked out here but in `diagnose`.
 
 use std::borrow::Cow;
 use std::collections::{HashMap, HashSet};
