@@ -101,9 +101,6 @@ fn all_versions_and_layouts_load() {
             assert_eq!((first.triangles(), first.uvs().len()), (&[[0, 1, 2]][..], 0));
         }
     }
-    // Flat by the file's own flag.
-    let flat = file(4, &[stream(4, 0x1010, [3, 1], &CORNERS, &[0, 1, 2])]);
-    assert!(load_file(&flat, "").expect("a mesh").normals().is_empty());
 }
 
 #[test]
