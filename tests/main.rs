@@ -17,6 +17,7 @@ mod load;
 mod malformed;
 mod mitsuba;
 mod mitsuba_suite;
+mod obj;
 mod query;
 #[cfg(feature = "embree")]
 mod query_embree;

@@ -13,6 +13,7 @@
 //! Reflecting materials are two-sided. `map_Kd` is multiplied by `Kd` as the format says, unless that is 0; `map_Ks` colours
 //! metals. Of the options of maps, `-s`, `-o`, `-clamp` and `-bm` count. Other maps are not read.
 
+use std::collections::HashSet;
 use std::fmt::Write;
 use std::io::Cursor;
 use std::path::{Path, PathBuf};
@@ -25,10 +26,19 @@ use crate::scene::{
     Bitmap, Input, Material, MaterialId, Microfacet, Perturbation, Rgb, TexelFilter, Texture, TextureId, Wrap,
 };
 
-/// The library or libraries that a `mtllib` line names. What is missing or malformed is a warning.
-pub(super) fn load(obj: &Path, names: &Path, log: &mut Log) -> tobj::MTLLoadResult {
+/// The library or libraries that a `mtllib` line names, except those that were `read` before: a small file could name a large one without
+/// end. What is missing or malformed is a warning.
+pub(super) fn load(
+    obj: &Path,
+    names: &str,
+    read: &mut HashSet<PathBuf>,
+    log: &mut Log,
+) -> tobj::MTLLoadResult {
     let mut text = String::new();
-    for path in find(obj, &names.to_string_lossy()) {
+    for path in find(obj, names) {
+        if !read.insert(path.canonicalize().unwrap_or_else(|_| path.clone())) {
+            continue;
+        }
         match log.read(&path, None) {
             Ok(bytes) => sound_lines(&path, &String::from_utf8_lossy(&bytes), &mut text, log),
             Err(e) => log.warn(

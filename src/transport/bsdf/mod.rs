@@ -226,7 +226,8 @@ impl<'s> Lobe<'s> {
         }
         // By itself, so that the commonest lobe is written where it stays and not copied from where it might be turned over.
         if let Material::Diffuse { reflectance } = *material {
-            let reflectance = reflectance.at(Textures::of(materials.scene()), place).clamp(Rgb::ZERO, Rgb::ONE);
+            let reflectance =
+                reflectance.at(Textures::of(materials.scene()), place).clamp(Rgb::ZERO, Rgb::ONE);
             return if is_front { Self::Diffuse { reflectance } } else { Self::Black };
         }
         let lobe = Self::of_material(materials, id, material, place, || composite(id, is_front));
