@@ -150,7 +150,8 @@ fn check(shapes: &[Shape], ray: &Ray, hit: Option<Hit>, scale: f64) -> bool {
     assert!((own.t - t).abs() <= tolerance(own), "{hit:?} should be at {}: {ray:?}", own.t);
     let point = hit.surface(shapes, ray);
     let off = (point.p.as_dvec3() - ray.o.as_dvec3() - ray.d.as_dvec3() * t).length();
-    assert!(off <= 2.0 * tolerance(own), "{point:?} is off {ray:?} by {off}");
+    // Barycentrics of slivers are worse than distances: the suite of all backends allows 1e-5 of the coordinates for both, and so does this.
+    assert!(off <= 1e-5 / TEST_ERROR * tolerance(own), "{point:?} is off {ray:?} by {off}");
     assert_eq!((point.shape, point.primitive), (hit.shape, hit.primitive));
     certain.is_finite()
 }
@@ -246,7 +247,7 @@ impl<P: RayQuery> BackendTest for Against<'_, P> {
     fn run<Q: RayQuery>(&self, other: &str, copies: &Q) {
         let mut rng = Rng(22);
         let (mut hits, mut borders) = (0, 0);
-        for _ in 0..4000 {
+        for _ in 0..8000 {
             let ray = Ray::new((rng.cube() * 1.5).as_vec3(), rng.direction().as_vec3());
             let (Some(a), Some(b)) = (self.query.intersect(&ray), copies.intersect(&ray)) else { continue };
             if (a.shape, a.primitive) != (b.shape, b.primitive) {
@@ -464,7 +465,7 @@ fn ten_thousand_instances_cost_little_more_than_one() {
         .collect();
     assert!(size_of::<Shape>() <= 272, "{}", size_of::<Shape>());
     let [one, many] = [&grid[..1], &grid[..]].map(|shapes| {
-        let memory = Memory(Vec::default());
+        let memory = Memory(std::cell::RefCell::default());
         on_each_backend(shapes, &memory);
         memory.0.into_inner()
     });
