@@ -90,7 +90,7 @@ impl Group {
     }
 
     /// The shape that a primitive belongs to, and which primitive of that shape it is. Undoes [`first_primitive`](Self::first_primitive).
-    #[inline(never)]
+    #[inline]
     pub fn part(&self, primitive: u32) -> (u32, u32) {
         let shape = self.first_primitives.partition_point(|&first| first <= primitive) - 1;
         (shape as u32, primitive - self.first_primitives[shape])

@@ -49,20 +49,9 @@ pub struct Shape {
 }
 
 impl Shape {
-    /// What a primitive is made of.
-    #[inline(always)]
-    pub fn material_of(&self, primitive: u32) -> MaterialId {
-        if matches!(self.geometry, Geometry::Instance(_)) {
-            self.part(primitive).0.material
-        } else {
-            self.material
-        }
-    }
-
     /// The shape with the geometry and material of a primitive: this one, or for an instance a part of its group. Also which primitive of that
     /// shape it is.
-    #[cold]
-    #[inline(never)]
+    #[inline(always)]
     pub fn part(&self, primitive: u32) -> (&Self, u32) {
         match &self.geometry {
             Geometry::Instance(instance) => {

@@ -220,14 +220,13 @@ impl RayQuery for EmbreeQuery<'_> {
         let ray = closed_interval(ray)?;
         let (tnear, tfar) = (ray.tnear, ray.tfar);
         let none = ffi::RTC_INVALID_GEOMETRY_ID;
-        let hit = ffi::RTCHit { geomID: none, ..Default::default() };
+        let hit = ffi::RTCHit { geomID: none, instID: [none], ..Default::default() };
         let mut query = ffi::RTCRayHit { ray, hit };
         // SAFETY: the scene is committed; `query` has the size and alignment of the header's struct.
         unsafe { ffi::rtcIntersect1(self.scene.0, &raw mut query, ptr::null_mut()) };
         if query.hit.geomID == none {
             return None;
         }
-        // Whatever reports a hit writes this, too.
         let (shape, primitive) = if query.hit.instID[0] == none {
             (query.hit.geomID, query.hit.primID)
         } else {
