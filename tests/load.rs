@@ -62,14 +62,14 @@ fn shape(body: &str) -> Shape {
 fn mesh_of(shape: &Shape) -> &TriangleMesh {
     match &shape.geometry {
         Geometry::Mesh(mesh) => mesh,
-        Geometry::Analytic(_) => panic!("{} is not a mesh", shape.name),
+        Geometry::Analytic(_) | Geometry::Instance(_) => panic!("{} is not a mesh", shape.name),
     }
 }
 
 fn triangle_count(shape: &Shape) -> usize {
     match &shape.geometry {
         Geometry::Mesh(mesh) => mesh.triangles().len(),
-        Geometry::Analytic(_) => 0,
+        Geometry::Analytic(_) | Geometry::Instance(_) => 0,
     }
 }
 
@@ -634,7 +634,7 @@ fn errors_say_where_what_and_what_instead() {
         "<shape type='instance'/>",
         "<shape type='shapegroup'><shape type='sphere'><emitter type='area'/></shape></shape>",
         "<shape type='shapegroup' id='g'><shape type='sphere'/></shape><shape type='instance'><ref id='g'/>\
-         <transform name='to_world'><scale x='2'/></transform></shape>",
+         <transform name='to_world'><scale x='0'/></transform></shape>",
         "<integrator type='moment'/>",
         "<sensor type='perspective'><film type='hdrfilm'><integer name='width' value='1000000'/></film></sensor>",
         "<texture type='wood'/>",
@@ -677,7 +677,7 @@ fn errors_say_where_what_and_what_instead() {
     scene.xml:1:50: a second environment; expected at most one `constant` or `envmap`
     scene.xml:1:24: an instance without a shape group; expected a <ref> to a `shapegroup`
     scene.xml:1:49: a shape that emits in a shape group; expected lights outside of shape groups
-    scene.xml:1:86: `to_world` of the instance distorts `sphere-0`; expected rotation, translation and even scale, or a mesh
+    scene.xml:1:86: a map that is singular, not finite, or scales by more than 1e12 or less than its inverse; expected less, or a transform that can be inverted
     scene.xml:1:24: integrator `moment` around 0 objects; expected one integrator in it
     scene.xml:1:72: a film of 1000000 x 576 pixels; expected at most 268435456 pixels
     scene.xml:1:24: texture `wood` is not supported; expected one of bitmap, checkerboard, scale, mesh_attribute
@@ -920,27 +920,37 @@ fn integrators_are_unwrapped_and_translated() {
     assert_eq!(settings("<integrator type='vcm'/>").name.as_deref(), Some("vcm"));
 }
 
-/// Instances stand where their transforms put the group, with normals that keep their side even where a transform reflects.
+/// Instances stand where their transforms put the group, which is held once, with normals that keep their side even where a transform reflects.
 #[test]
-fn instances_are_copies_of_their_group() {
+fn instances_are_places_of_their_group() {
     let scene = xml("<shape type='instance' id='i'><ref id='g'/></shape>
         <shape type='shapegroup' id='g'><shape type='rectangle' id='r'/>
           <shape type='obj' id='flat'><string name='filename' value='CORNER'/><boolean name='face_normals' value='true'/></shape>
-          <shape type='sphere'/></shape>
-        <shape type='instance' id='m'><ref id='g'/><transform name='to_world'><scale x='-2' y='2' z='2'/><translate z='5'/></transform></shape>"
+          <shape type='sphere' id='ball'><bsdf type='conductor'/></shape></shape>
+        <shape type='instance' id='m'><ref id='g'/><transform name='to_world'><scale x='-2' y='2' z='2'/><translate z='5'/></transform></shape>
+        <shape type='shapegroup' id='none'/><shape type='instance'><ref id='none'/></shape>"
         .replace("CORNER", &corner_file().display().to_string())
         .as_str());
-    assert_eq!(scene.shapes.len(), 6);
     let names: Vec<_> = scene.shapes.iter().map(|s| s.name.as_str()).collect();
-    assert_eq!(&names[..2], ["i.r", "i.flat"]);
-    let normal = |shape: usize| SurfacePoint::on_triangle(mesh_of(&scene.shapes[shape]), 0, 0, 0.2, 0.3).ng;
-    for (plain, moved) in [(0, 3), (1, 4)] {
-        let n = normal(plain);
-        let expected = (n * Vec3::new(-1.0, 1.0, 1.0)).normalize();
-        assert!(normal(moved).abs_diff_eq(expected, 1e-5), "{n} became {}", normal(moved));
+    assert_eq!(names, ["i", "m"]);
+    let instance_of = |shape: &Shape| match &shape.geometry {
+        Geometry::Instance(instance) => instance.clone(),
+        Geometry::Mesh(_) | Geometry::Analytic(_) => panic!("{} is no instance", shape.name),
+    };
+    let [i, m] = [0, 1].map(|shape| instance_of(&scene.shapes[shape]));
+    assert!(std::sync::Arc::ptr_eq(i.group(), m.group()));
+    assert!((m.to_world().translation - DVec3::Z * 5.0).length() < 1e-9);
+    let count = scene.shapes[0].geometry.primitive_count();
+    let (ball, within) = scene.shapes[1].part(count - 1);
+    assert_eq!((ball.name.as_str(), within), ("ball", 0));
+    assert!(matches!(scene.materials[ball.material.0 as usize], Material::Conductor { .. }));
+    for primitive in [0, 1, 2, count - 2] {
+        let normal = |shape| {
+            SurfacePoint::from_hit(&scene.shapes, shape, primitive, 0.2, 0.3, Vec3::ZERO, Vec3::Z, 1.0).ng
+        };
+        let expected = (normal(0) * Vec3::new(-1.0, 1.0, 1.0)).normalize();
+        assert!(normal(1).abs_diff_eq(expected, 1e-5), "{} became {}", normal(0), normal(1));
     }
-    let Geometry::Analytic(sphere) = &scene.shapes[5].geometry else { panic!() };
-    assert!((sphere.to_world().translation - DVec3::Z * 5.0).length() < 1e-9);
 }
 
 /// A file that outlives the test's own folder.

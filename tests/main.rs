@@ -11,6 +11,7 @@ mod environment;
 mod film;
 mod image_files;
 mod images;
+mod instances;
 mod integrators;
 mod lights;
 mod load;

@@ -150,7 +150,7 @@ fn load_soon(path: &Path) -> Result<Loaded, LoadError> {
 fn triangles(loaded: &Loaded) -> usize {
     let count = |g: &Geometry| match g {
         Geometry::Mesh(mesh) => mesh.triangles().len(),
-        Geometry::Analytic(_) => 0,
+        Geometry::Analytic(_) | Geometry::Instance(_) => 0,
     };
     loaded.scene.shapes.iter().map(|s| count(&s.geometry)).sum()
 }

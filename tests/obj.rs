@@ -23,7 +23,7 @@ fn load_text(text: &str) -> Loaded {
 fn mesh(loaded: &Loaded, shape: usize) -> &TriangleMesh {
     match &loaded.scene.shapes[shape].geometry {
         Geometry::Mesh(mesh) => mesh,
-        Geometry::Analytic(_) => panic!("an OBJ file has meshes only"),
+        Geometry::Analytic(_) | Geometry::Instance(_) => panic!("an OBJ file has meshes only"),
     }
 }
 

@@ -117,6 +117,7 @@ pub(crate) fn scaled(mut scene: Scene, scale: f64) -> Scene {
                 let analytic = AnalyticShape::new(analytic.kind(), to_world, analytic.flip_normals());
                 Geometry::Analytic(analytic.expect("a proper shape"))
             }
+            Geometry::Instance(_) => unimplemented!("no test scales instances"),
         };
     }
     for emitter in &mut scene.emitters {

@@ -60,7 +60,7 @@ fn third_party_scenes_load_or_say_why_not() {
             (Ok(loaded), Loads(shapes, triangles)) => {
                 let count = |g: &Geometry| match g {
                     Geometry::Mesh(mesh) => mesh.triangles().len(),
-                    Geometry::Analytic(_) => 0,
+                    Geometry::Analytic(_) | Geometry::Instance(_) => 0,
                 };
                 let total: usize = loaded.scene.shapes.iter().map(|s| count(&s.geometry)).sum();
                 if (loaded.scene.shapes.len(), total) != (*shapes, *triangles) {

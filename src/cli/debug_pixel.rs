@@ -80,12 +80,17 @@ impl PathObserver for Printer<'_, '_> {
             Some(vertex) => {
                 let point = &vertex.point;
                 let shape = &self.world.scene.shapes[point.shape as usize];
+                let (part, primitive) = shape.part(point.primitive);
+                let of_group = if std::ptr::eq(part, shape) {
+                    String::new()
+                } else {
+                    format!(" with `{}` in it", part.name)
+                };
                 writeln!(
                     self.text,
-                    "     hits `{}` (shape {}, primitive {}) at {} after t {}\n     ng {} ns {} p_err {:e}\n     {:?}",
+                    "     hits `{}`{of_group} (shape {}, primitive {primitive}) at {} after t {}\n     ng {} ns {} p_err {:e}\n     {:?}",
                     shape.name,
                     point.shape,
-                    point.primitive,
                     show(point.p),
                     point.p.distance(ray.o),
                     show(point.ng),

@@ -1,6 +1,6 @@
 //! Triangle meshes, laid out so that Embree can share the buffers.
 
-use glam::{DAffine3, DMat3, Vec2, Vec3};
+use glam::{DMat3, Vec2, Vec3};
 use thiserror::Error;
 
 use super::Aabb;
@@ -173,22 +173,6 @@ impl TriangleMesh {
     /// Further attributes in the order of the file.
     pub fn attributes(&self) -> &[MeshAttribute] {
         &self.attributes
-    }
-
-    /// A copy moved by a map. Normals keep their side: on a flat mesh that a map reflects, vertices run the other way round.
-    ///
-    /// # Errors
-    /// [`MeshError::BadVertex`] if the map moves a vertex too far.
-    pub fn transformed(&self, map: &DAffine3) -> Result<Self, MeshError> {
-        let normal_map = normal_matrix(&map.matrix3);
-        let positions =
-            self.positions().iter().map(|p| map.transform_point3(p.as_dvec3()).as_vec3()).collect();
-        let turn = |n: &Vec3| (normal_map * n.as_dvec3()).normalize_or_zero().as_vec3();
-        let normals = self.normals.iter().map(turn).collect();
-        let is_turned_over = self.normals.is_empty() && map.matrix3.determinant() < 0.0;
-        let flip_normals = self.flip_normals != is_turned_over;
-        Self::new(positions, self.triangles.clone(), normals, self.uvs.clone(), flip_normals)?
-            .with_attributes(self.attributes.clone())
     }
 
     /// World positions, one per vertex.

@@ -215,7 +215,7 @@ impl<'a> Textures<'a> {
                     let values = mesh.attribute(name).map_or(&[][..], |a| &a.values);
                     Rgb::splat(values.iter().fold(0.0, |max: f32, v| max.max(v * scale)))
                 }
-                Geometry::Analytic(_) => Rgb::ZERO,
+                Geometry::Analytic(_) | Geometry::Instance(_) => Rgb::ZERO,
             },
         }
     }

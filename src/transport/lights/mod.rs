@@ -102,7 +102,8 @@ impl<'s> Lights<'s> {
         };
         let bounds: Vec<Rgb> = scene.shapes.iter().map(|shape| this.emission_bound(shape)).collect();
         for (index, shape) in scene.shapes.iter().enumerate() {
-            if bounds[index].max_element() > 0.0 {
+            let is_instance = matches!(shape.geometry, Geometry::Instance(_));
+            if !is_instance && bounds[index].max_element() > 0.0 {
                 this.first_primitive[index] = this.of_primitive.len() as u32;
                 this.add_area_lights(index as u32, &shape.geometry);
             }
@@ -118,6 +119,8 @@ impl<'s> Lights<'s> {
 
     fn add_area_lights(&mut self, shape: u32, geometry: &Geometry) {
         match geometry {
+            // They emit nothing.
+            Geometry::Instance(_) => {}
             Geometry::Analytic(_) => {
                 self.of_primitive.push(self.all.len() as u32);
                 self.all.push(Light::Analytic { shape });
@@ -239,7 +242,7 @@ impl<'s> Lights<'s> {
     fn mesh(&self, shape: u32) -> Option<&'s TriangleMesh> {
         match &self.shapes[shape as usize].geometry {
             Geometry::Mesh(mesh) => Some(mesh),
-            Geometry::Analytic(_) => None,
+            Geometry::Analytic(_) | Geometry::Instance(_) => None,
         }
     }
 
@@ -247,7 +250,7 @@ impl<'s> Lights<'s> {
     fn analytic(&self, shape: u32) -> Option<&'s AnalyticShape> {
         match &self.shapes[shape as usize].geometry {
             Geometry::Analytic(analytic) => Some(analytic),
-            Geometry::Mesh(_) => None,
+            Geometry::Mesh(_) | Geometry::Instance(_) => None,
         }
     }
 

@@ -39,7 +39,7 @@ use crate::scene::{
     Scene, Shape, Texture, TextureId,
 };
 use emitters::Light;
-use instances::Instance;
+use instances::PlannedInstance;
 use properties::{Plugin, Properties, find};
 use shapes::Surface;
 use xml::{Document, Object, ObjectId, Span};
@@ -142,7 +142,7 @@ struct Builder<'a> {
     shapes: Vec<PlannedShape>,
     /// Of shapes that are only seen through instances, in the order of the file.
     groups: Vec<(ObjectId, Vec<PlannedShape>)>,
-    instances: Vec<Instance>,
+    instances: Vec<PlannedInstance>,
     emitters: Vec<Emitter>,
     sensor: Option<Sensor>,
     integrator: Option<IntegratorSettings>,
@@ -426,11 +426,11 @@ impl<'a> Builder<'a> {
     fn finish(self, path: &Path) -> Result<Scene, LoadError> {
         let log = self.log;
         let mut shapes = load_all(self.shapes, self.document, log)?;
-        let mut groups = HashMap::new();
+        let mut groups = Vec::with_capacity(self.groups.len());
         for (id, group) in self.groups {
-            groups.insert(id, load_all(group, self.document, log)?);
+            groups.push((id, load_all(group, self.document, log)?));
         }
-        instances::expand(self.document, &self.instances, &groups, &mut shapes)?;
+        instances::place(self.document, self.instances, groups, &mut shapes)?;
         let sensor = self.sensor.unwrap_or_else(|| {
             log.note(Location::file(path), "the scene has no sensor: using a camera that frames its shapes");
             let camera = framing_camera(bounds_of(&shapes));
@@ -486,7 +486,7 @@ fn check_attributes(
 ) -> Result<(), LoadError> {
     let mesh = match geometry {
         Geometry::Mesh(mesh) => Some(mesh),
-        Geometry::Analytic(_) => None,
+        Geometry::Analytic(_) | Geometry::Instance(_) => None,
     };
     let has = |attribute: &str| mesh.is_some_and(|m| m.attribute(attribute).is_some());
     let Some((missing, at)) = attributes.iter().find(|(attribute, _)| !has(attribute)) else { return Ok(()) };
