@@ -2,6 +2,7 @@
 
 mod agreement;
 mod forward;
+mod kinds;
 mod photons;
 mod strategies;
 mod weights;
