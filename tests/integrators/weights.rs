@@ -9,8 +9,8 @@ use glam::{DAffine3, DMat3, DVec2, DVec3, UVec2, Vec2, Vec3};
 use helmholtz::integrators::weights::Weights;
 use helmholtz::query::{Hit, Ray, RayQuery};
 use helmholtz::scene::{
-    Emitter, EnvironmentMap, Lens, Material, MaterialId, Microfacet, Perturbation, PixelRect, Principled, Rgb,
-    Scene, Spot, SurfacePoint, TriangleMesh,
+    Emitter, EnvironmentMap, Lens, Material, MaterialId, Microfacet, Perturbation, PixelRect, Principled,
+    Rgb, Scene, Spot, SurfacePoint, TriangleMesh,
 };
 use helmholtz::transport::World;
 use helmholtz::transport::bsdf::Materials;
@@ -474,7 +474,7 @@ impl BackendTest for Case<'_> {
         let world = World::new(self.scene);
         let mut random = Random::new(7);
         let mut lengths = [0; 9];
-        for _ in 0..40_000 {
+        for _ in 0..80_000 {
             draw(&world, query, &mut random, |path| {
                 // Where a path grazes a surface or a corner, the f32 of its own cosines is not good to 1e-5.
                 let is_grazing = (0..path.len() - 1).any(|i| {
@@ -490,7 +490,7 @@ impl BackendTest for Case<'_> {
                 }
             });
         }
-        assert!(lengths[3..7].iter().all(|&n| n > 50), "{}: too few paths, {lengths:?}", self.name);
+        assert!(lengths[3..7].iter().all(|&n| n > 30), "{}: too few paths, {lengths:?}", self.name);
     }
 }
 
@@ -599,7 +599,7 @@ fn lamp(scene: Scene) -> Scene {
 }
 
 fn ball_lamp(scene: Scene) -> Scene {
-    scene.shape(sphere(Vec3::new(0.3, 1.6, 3.2), 0.4), diffuse(0.0), Some(Rgb::splat(9.0)))
+    scene.shape(sphere(Vec3::new(0.3, 1.8, 3.4), 0.8), diffuse(0.0), Some(Rgb::splat(9.0)))
 }
 
 fn point_light(scene: Scene) -> Scene {
@@ -695,7 +695,12 @@ fn weights_survive_scale() {
     for exponent in [-6, 6] {
         let scale = 10f64.powi(exponent);
         for (name, room, lights, camera) in [
-            ("area and point lights, lens", room as fn() -> Scene, &[lamp as Change, point_light][..], thin_lens as Change),
+            (
+                "area and point lights, lens",
+                room as fn() -> Scene,
+                &[lamp as Change, point_light][..],
+                thin_lens as Change,
+            ),
             ("spot and sky, orthographic", room, &[spot, map], orthographic),
             ("several lobes, sky, pinhole", cabinet, &[environment, directional], pinhole),
         ] {
