@@ -5,8 +5,8 @@ use std::sync::Arc;
 use glam::{Affine2, DAffine3, DVec2, DVec3, UVec2, UVec3, Vec2, Vec3};
 use helmholtz::scene::{
     AnalyticShape, Camera, Emitter, FilmSettings, Filter, FovAxis, Geometry, Image, Input,
-    IntegratorSettings, Lens, Material, MaterialId, PixelRect, Rgb, Scene, Shape, Texels, Texture, TextureId,
-    TriangleMesh,
+    IntegratorSettings, Lens, Material, MaterialId, PixelRect, Rgb, Scene, Shape, Spot, Texels, Texture,
+    TextureId, TriangleMesh,
 };
 
 /// A scene of 8x8 pixels without shapes, seen from the origin along +z.
@@ -100,7 +100,7 @@ pub(crate) fn mesh(positions: Vec<Vec3>, triangles: &[UVec3]) -> Geometry {
     )
 }
 
-/// Everything in a scene, the camera included, times a factor. Radiance stays; a point light's intensity grows by the square.
+/// Everything in a scene, the camera included, times a factor. Radiance stays; a point or spot light's intensity grows by the square.
 pub(crate) fn scaled(mut scene: Scene, scale: f64) -> Scene {
     for shape in &mut scene.shapes {
         shape.geometry = match &shape.geometry {
@@ -121,7 +121,9 @@ pub(crate) fn scaled(mut scene: Scene, scale: f64) -> Scene {
         };
     }
     for emitter in &mut scene.emitters {
-        if let Emitter::Point { position, intensity } = emitter {
+        if let Emitter::Point { position, intensity } | Emitter::Spot(Spot { position, intensity, .. }) =
+            emitter
+        {
             *position *= scale as f32;
             *intensity *= (scale * scale) as f32;
         }
