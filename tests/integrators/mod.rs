@@ -2,6 +2,8 @@
 
 mod agreement;
 mod forward;
+mod photon_bias;
+mod photon_files;
 mod photons;
 mod strategies;
 mod weights;

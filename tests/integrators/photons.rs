@@ -218,7 +218,7 @@ fn glass() -> Material {
 }
 
 /// A glass ball between a lamp and a floor, with a mirror and a wall.
-fn caustic() -> Scene {
+pub(super) fn caustic() -> Scene {
     let lamp = quad(Vec3::new(-0.5, 2.5, 4.5), Vec3::X, Vec3::Z);
     let metal = Material::Conductor {
         eta: Rgb::ZERO.into(),
@@ -395,6 +395,8 @@ fn bad_parameters_are_refused() {
         ("radius", "-1"),
         ("radius", "inf"),
         ("radius", "NaN"),
+        ("radius", "1e-20"),
+        ("radius", "1e20"),
         ("radius", "much"),
         ("photons", "0"),
         ("photons", "-5"),
@@ -402,6 +404,7 @@ fn bad_parameters_are_refused() {
         ("filter", "box"),
         ("direct", "no"),
         ("mode", "all"),
+        ("show", "yes"),
         ("final_gather", "-1"),
         ("max_depth", "128"),
     ] {
@@ -444,6 +447,7 @@ fn descriptions_are_parameters() {
         ("photonmapper", "radius=0.25,rr_depth=3"),
         ("sppm", "radius=0.1,alpha=0.6,filter=cone"),
         ("sppm", "mode=caustic"),
+        ("photonmapper", "show=photons"),
     ] {
         let made = integrator(name, parameters);
         let told = made.describe();
