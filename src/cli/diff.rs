@@ -89,18 +89,17 @@ impl Comparison<'_> {
             self.errors;
         let hdr = self.flip_hdr.map_or_else(String::new, |value| format!(", HDR {value:.4}"));
         let z = bias_z.map_or_else(String::new, |z| format!(" ({z:.1} standard errors)"));
-        let mut text = format!(
-            "{}\n  relMSE      {rel_mse:.4e}, trimmed {rel_mse_trimmed:.4e}\n  MSE         {mse:.4e}, RMSE {:.4e}, PSNR {psnr:.2} dB\n  FLIP        LDR {:.4}{hdr}\n  bias        {bias:+.4e}{z}\n",
+        let bad = if non_finite + non_finite_reference > 0 {
+            format!("  not finite  {non_finite} pixels, {non_finite_reference} of the reference; left out\n")
+        } else {
+            String::new()
+        };
+        format!(
+            "{}\n  relMSE      {rel_mse:.4e}, trimmed {rel_mse_trimmed:.4e}\n  MSE         {mse:.4e}, RMSE {:.4e}, PSNR {psnr:.2} dB\n  FLIP        LDR {:.4}{hdr}\n  bias        {bias:+.4e}{z}\n{bad}",
             self.path.display(),
             self.errors.rmse(),
             self.flip_ldr,
-        );
-        if non_finite + non_finite_reference > 0 {
-            text += &format!(
-                "  not finite  {non_finite} pixels, {non_finite_reference} of the reference; left out\n"
-            );
-        }
-        text
+        )
     }
 
     /// Numbers that JSON has not, the PSNR of equal images, become null.

@@ -66,8 +66,8 @@ fn exposures(reference: &Picture) -> (f32, f32) {
     luminances.sort_by(f32::total_cmp);
     let n = luminances.len();
     let at = |i: usize| luminances.get(i).copied().unwrap_or_default().max(1e-10);
-    let median = 0.5 * (at((n.max(1) - 1) / 2) + at(n / 2));
-    ((x / at(n.max(1) - 1)).log2(), (x / median).log2())
+    // Of an even number, the authors' program takes the upper of the two in the middle.
+    ((x / at(n.max(1) - 1)).log2(), (x / at(n / 2)).log2())
 }
 
 /// Vectors over the pixels of an image.
