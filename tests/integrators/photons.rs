@@ -142,7 +142,7 @@ fn check(
     on_first_backend(&scene.shapes, &Case { scene, tested, expected, passes, bias });
 }
 
-/// Light falls off as `(1 + x^2)^-2` at x heights from the foot: a mean over a disc of radius 0.05 at height 2 is too low by 6e-4 at most, and the disc
+/// Light falls off as `(1 + x^2)^(-3/2)` at x heights from the foot: a mean over a disc of radius 0.05 at height 2 is too low by 5e-4 at most, and the disc
 /// of 100 of 2e5 photons, which has a radius of 0.09, by 2e-3. The scene absorbs 40 % of the photons, and most of what is left flies off: a
 /// map divided by the photons stored would be too bright.
 #[test]
