@@ -9,6 +9,8 @@ use glam::{IVec2, Vec2};
 use rayon::prelude::*;
 
 use crate::film::{AovRecord, Film, FilmError, PassSamples, Sample, Splat};
+use crate::integrators::photon_map::store::{PhotonFileError, PhotonStore};
+use crate::integrators::photon_map::{PhotonMapper, Show, TooManyPhotons};
 use crate::integrators::{Integrator, Pass, PathObserver, Scratch, Strategy, Unobserved};
 use crate::query::{Ray, RayQuery};
 use crate::scene::Rgb;
@@ -56,21 +58,51 @@ pub enum Control {
     Stop,
 }
 
+/// Why a render ended before its time.
+#[derive(Debug, thiserror::Error)]
+pub enum RenderError {
+    /// The film has no memory for a pass.
+    #[error(transparent)]
+    Film(#[from] FilmError),
+    /// A pass has too many photons.
+    #[error(transparent)]
+    Photons(#[from] TooManyPhotons),
+    /// The file that photons come from or go to fails.
+    #[error(transparent)]
+    PhotonFile(#[from] PhotonFileError),
+}
+
 /// Dimension set of film position and lens point.
 const CAMERA_SET: u32 = 0;
 
 /// Renders passes into the film until `stop` or `progress` says so, which is called after each.
 ///
 /// # Errors
-/// If the film has no memory for a pass.
+/// If the film has no memory for a pass, or the pass would need too much of it.
 pub fn render<Q: RayQuery>(
     world: &World,
     query: &Q,
     target: &Target,
     film: &mut Film,
     stop: &Stop,
+    progress: impl FnMut(&Progress) -> Control,
+) -> Result<Progress, RenderError> {
+    render_with_store(world, query, target, film, stop, &mut PhotonStore::Traced, progress)
+}
+
+/// [`render`], with photons that a file keeps.
+///
+/// # Errors
+/// As of [`render`], and if the file does not have a pass or cannot be read or written.
+pub fn render_with_store<Q: RayQuery>(
+    world: &World,
+    query: &Q,
+    target: &Target,
+    film: &mut Film,
+    stop: &Stop,
+    store: &mut PhotonStore,
     mut progress: impl FnMut(&Progress) -> Control,
-) -> Result<Progress, FilmError> {
+) -> Result<Progress, RenderError> {
     let start = Instant::now();
     let mut done = Progress::default();
     let mut samples = film.new_pass();
@@ -82,15 +114,26 @@ pub fn render<Q: RayQuery>(
         if stop.time.is_some_and(|limit| done.passes > 0 && start.elapsed() >= limit) {
             break;
         }
-        let pass = Pass::new(world, query, target.integrator, target.seed, index, samples.area());
-        // The forward integrator sends rays from the camera only if an AOV asks what they see.
-        let is_forward = matches!(target.integrator, Integrator::Forward(_));
-        let with_samples = !is_forward || film.aovs().needs_records();
-        if with_samples {
-            sample_pixels(&pass, target.integrator, &mut samples, &pool);
+        let (integrator, seed, area) = (target.integrator, target.seed, samples.area());
+        let pass = match store {
+            PhotonStore::Traced | PhotonStore::Saved(_) => {
+                Pass::new(world, query, integrator, seed, index, area)?
+            }
+            PhotonStore::Loaded(file) => {
+                Pass::with_photons(world, query, integrator, seed, index, area, file.read(index)?)
+            }
+        };
+        if let PhotonStore::Saved(file) = store {
+            file.add(index, &pass.photons.map)?;
         }
-        if is_forward {
-            trace_light_paths(&pass, target.integrator, &pool);
+        // Rays from the camera are then sent only if an AOV asks what they see.
+        let only_splats = integrator.only_splats();
+        let with_samples = !only_splats || film.aovs().needs_records();
+        if with_samples {
+            sample_pixels(&pass, integrator, &mut samples, &pool);
+        }
+        if only_splats {
+            trace_light_paths(&pass, integrator, &pool);
         }
         let rays = pool.gather() + pass.photons.rays;
         film.add_pass(index, with_samples.then_some(&samples), &pool.splats)?;
@@ -185,7 +228,7 @@ fn sample_pixels<'w, Q: RayQuery>(
 const LIGHT_PATHS_PER_TASK: u64 = 256;
 
 fn trace_light_paths<'w, Q: RayQuery>(pass: &Pass<'w, '_, Q>, integrator: Integrator, pool: &Pool<'w>) {
-    let count = pass.light_paths();
+    let count = light_path_count(pass, integrator);
     (0..count.div_ceil(LIGHT_PATHS_PER_TASK)).into_par_iter().for_each(|task| {
         pool.lend(task as usize, |scratch| {
             let first = task * LIGHT_PATHS_PER_TASK;
@@ -194,6 +237,17 @@ fn trace_light_paths<'w, Q: RayQuery>(pass: &Pass<'w, '_, Q>, integrator: Integr
             }
         });
     });
+}
+
+/// Light paths of a pass that [`trace_light_path`] knows.
+pub fn light_path_count<Q>(pass: &Pass<Q>, integrator: Integrator) -> u64 {
+    match integrator {
+        Integrator::PhotonMap(PhotonMapper { show: Show::Photons, .. }) => {
+            pass.photons.map.photons().len() as u64
+        }
+        Integrator::PhotonMap(_) | Integrator::Backward(_) => 0,
+        _ => pass.light_paths(),
+    }
 }
 
 /// The sample of one pixel in one pass: a function of its arguments alone. Splats that come with it go to `scratch`, which also counts the rays.
@@ -216,7 +270,7 @@ pub fn sample_pixel<'w, Q: RayQuery, O: PathObserver>(
             scratch.rays += u64::from(rays);
             radiance
         }
-        Integrator::Forward(_) => {
+        Integrator::Forward(_) | Integrator::PhotonMap(PhotonMapper { show: Show::Photons, .. }) => {
             scratch.rays += 1;
             let vertex = query.intersect(&ray).map(|hit| SurfaceVertex::new(&world.materials, &hit, &ray));
             observer.segment(TransportMode::Radiance, 1, &ray, vertex.as_ref(), Rgb::ONE);
@@ -240,7 +294,8 @@ pub fn trace_light_path<'w, Q: RayQuery, O: PathObserver>(
     observer: &mut O,
 ) {
     match integrator {
-        Integrator::Backward(_) | Integrator::PhotonMap(_) => {}
+        Integrator::Backward(_) => {}
+        Integrator::PhotonMap(mapper) => mapper.show_photon(pass, slot as usize, scratch),
         Integrator::Forward(forward) => forward.trace_light_path(pass, slot, scratch, observer),
         Integrator::Bidirectional(bidirectional) => {
             bidirectional.trace_light_path(pass, slot, scratch, observer);

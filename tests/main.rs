@@ -30,5 +30,6 @@ mod scenes_table;
 mod serialized;
 mod spherical;
 mod statistics;
+mod study;
 mod support;
 mod warp;

@@ -17,6 +17,7 @@
 //! transfer function of PNG.
 
 pub mod aov;
+pub(crate) mod checked;
 mod dropped;
 pub mod exact;
 pub mod filter;

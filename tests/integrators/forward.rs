@@ -120,7 +120,7 @@ pub(super) fn mirror() -> Scene {
         )
 }
 
-fn with_lens(mut scene: Scene, aperture_radius: f64) -> Scene {
+pub(super) fn with_lens(mut scene: Scene, aperture_radius: f64) -> Scene {
     scene.camera.lens = Lens::Thin { aperture_radius, focus_distance: 6.0 };
     scene
 }

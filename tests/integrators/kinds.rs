@@ -136,7 +136,10 @@ fn octahedron(scene: Scene) -> Scene {
 fn mirrored_mesh(scene: Scene) -> Scene {
     let mut geometry = smooth_ball(DVec3::new(1.2, -3.0, 0.8), 0.9);
     if let Geometry::Mesh(mesh) = &mut geometry {
-        *mesh = mesh.transformed(&DAffine3::from_scale(DVec3::new(1.0, -1.0, 1.0))).expect("a valid mesh");
+        let mirrored = |vectors: &[Vec3]| vectors.iter().map(|v| Vec3::new(v.x, -v.y, v.z)).collect();
+        let (positions, normals) = (mirrored(mesh.positions()), mirrored(mesh.normals()));
+        *mesh = TriangleMesh::new(positions, mesh.triangles().to_vec(), normals, mesh.uvs().to_vec(), false)
+            .expect("a valid mesh");
     }
     lamp(scene, geometry, 3.0)
 }

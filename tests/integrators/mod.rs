@@ -21,6 +21,8 @@
 mod agreement;
 mod forward;
 mod kinds;
+mod photon_bias;
+mod photon_files;
 mod photons;
 mod strategies;
 mod weights;

@@ -142,7 +142,7 @@ fn check(
     on_first_backend(&scene.shapes, &Case { scene, tested, expected, passes, bias });
 }
 
-/// Light falls off as `(1 + x^2)^-2` at x heights from the foot: a mean over a disc of radius 0.05 at height 2 is too low by 6e-4 at most, and the disc
+/// Light falls off as `(1 + x^2)^(-3/2)` at x heights from the foot: a mean over a disc of radius 0.05 at height 2 is too low by 5e-4 at most, and the disc
 /// of 100 of 2e5 photons, which has a radius of 0.09, by 2e-3. The scene absorbs 40 % of the photons, and most of what is left flies off: a
 /// map divided by the photons stored would be too bright.
 #[test]
@@ -230,7 +230,7 @@ fn glass() -> Material {
 }
 
 /// A glass ball between a lamp and a floor, with a mirror and a wall.
-fn caustic() -> Scene {
+pub(super) fn caustic() -> Scene {
     let lamp = quad(Vec3::new(-0.5, 2.5, 4.5), Vec3::X, Vec3::Z);
     let metal = Material::Conductor {
         eta: Rgb::ZERO.into(),
@@ -407,6 +407,8 @@ fn bad_parameters_are_refused() {
         ("radius", "-1"),
         ("radius", "inf"),
         ("radius", "NaN"),
+        ("radius", "1e-20"),
+        ("radius", "1e20"),
         ("radius", "much"),
         ("photons", "0"),
         ("photons", "-5"),
@@ -414,6 +416,7 @@ fn bad_parameters_are_refused() {
         ("filter", "box"),
         ("direct", "no"),
         ("mode", "all"),
+        ("show", "yes"),
         ("final_gather", "-1"),
         ("max_depth", "128"),
     ] {
@@ -456,6 +459,7 @@ fn descriptions_are_parameters() {
         ("photonmapper", "radius=0.25,rr_depth=3"),
         ("sppm", "radius=0.1,alpha=0.6,filter=cone"),
         ("sppm", "mode=caustic"),
+        ("photonmapper", "show=photons"),
     ] {
         let made = integrator(name, parameters);
         let told = made.describe();

@@ -7,7 +7,7 @@
 //! Loaders do not judge what the renderer makes of a scene: integrators stay text, and nothing is derived.
 
 mod error;
-mod exr;
+pub(crate) mod exr;
 mod image;
 mod mesh;
 pub mod mitsuba;
