@@ -117,8 +117,19 @@ impl<'s> Bsdf<'s> {
     /// a smooth one, or at the least roughness that can be resolved.
     #[inline(always)]
     pub fn new(materials: &'s Materials<'s>, id: MaterialId, point: &SurfacePoint, is_above: bool) -> Self {
-        let composite = |id, is_above| Composite::new(materials, id, point, is_above);
-        Self { lobe: Lobe::new(materials, id, point.into(), is_above, composite), is_above }
+        let Some((shown, is_front)) = Lobe::shown(materials, id, is_above) else {
+            return Self { lobe: Lobe::Black, is_above };
+        };
+        // The commonest material is written where it stays, and not copied from where it might be turned over.
+        if let Some(&Material::Diffuse { reflectance: Input::Constant(reflectance) }) = materials.get(shown) {
+            let reflectance = reflectance.clamp(Rgb::ZERO, Rgb::ONE);
+            let lobe = if is_front { Lobe::Diffuse { reflectance } } else { Lobe::Black };
+            return Self { lobe, is_above };
+        }
+        // Of a copy, so that the point itself needs no address.
+        let point = *point;
+        let composite = |id, is_above| Composite::new(materials, id, &point, is_above);
+        Self { lobe: Lobe::new(materials, id, (&point).into(), is_above, composite), is_above }
     }
 
     /// Draws a direction for the path to go on; `u[0]` chooses the lobe, the others the direction, all in [0, 1).
@@ -206,7 +217,7 @@ impl<'s> Bsdf<'s> {
 // Only the diffuse lobe is inlined into integrators. The others do enough work to be worth a call, and would crowd it out.
 impl<'s> Lobe<'s> {
     /// Prepares a material for the side that is looked at. `composite` makes the lobe of one that is made of others, for a side.
-    #[inline(always)]
+    #[inline(never)]
     fn new(
         materials: &'s Materials<'s>,
         id: MaterialId,
@@ -214,28 +225,24 @@ impl<'s> Lobe<'s> {
         is_above: bool,
         composite: impl Fn(MaterialId, bool) -> Composite<'s>,
     ) -> Self {
-        let (mut id, mut is_front) = (id, is_above);
-        let Some(mut material) = materials.get(id) else { return Self::Black };
-        if let Material::TwoSided { front, back } = *material {
-            let inner = if is_above { front } else { back };
-            if materials.traits(inner).transmits || inner.0 >= id.0 {
-                return Self::Black;
-            }
-            let Some(shown) = materials.get(inner) else { return Self::Black };
-            (id, material, is_front) = (inner, shown, true);
-        }
-        // By itself, so that the commonest lobe is written where it stays and not copied from where it might be turned over.
-        if let Material::Diffuse { reflectance } = *material {
-            let reflectance =
-                reflectance.at(Textures::of(materials.scene()), place).clamp(Rgb::ZERO, Rgb::ONE);
-            return if is_front { Self::Diffuse { reflectance } } else { Self::Black };
-        }
+        let Some((id, is_front)) = Self::shown(materials, id, is_above) else { return Self::Black };
+        let Some(material) = materials.get(id) else { return Self::Black };
         let lobe = Self::of_material(materials, id, material, place, || composite(id, is_front));
         if is_front || matches!(lobe, Self::Composite(_)) {
             lobe
         } else {
             lobe.turned_over().unwrap_or(Self::Black)
         }
+    }
+
+    /// The material seen on a side, and whether that is its front; a [`Material::TwoSided`] stands for another. `None` for black.
+    #[inline(always)]
+    fn shown(materials: &Materials, id: MaterialId, is_above: bool) -> Option<(MaterialId, bool)> {
+        let Some(&Material::TwoSided { front, back }) = materials.get(id) else {
+            return Some((id, is_above));
+        };
+        let inner = if is_above { front } else { back };
+        (!materials.traits(inner).transmits && inner.0 < id.0).then_some((inner, true))
     }
 
     /// The front of a material; of composites the side that `composite` makes.

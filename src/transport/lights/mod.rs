@@ -25,8 +25,8 @@ use glam::{Vec2, Vec3};
 use super::BoundingSphere;
 use crate::sampling::discrete::AliasTable;
 use crate::scene::{
-    AnalyticShape, Emitter, Geometry, Input, Rgb, Scene, Shape, SurfacePoint, Textures, TriangleMesh,
-    luminance,
+    AnalyticShape, Emitter, Geometry, Input, Rgb, Scene, Shape, SurfacePoint, TextureId, Textures,
+    TriangleMesh, luminance,
 };
 use environment::Environment;
 use rectangle::Rectangle;
@@ -304,11 +304,15 @@ impl<'s> Lights<'s> {
     pub fn le(&self, point: &SurfacePoint, wo: Vec3) -> Rgb {
         match self.shapes[point.shape as usize].emission {
             Some(Input::Constant(radiance)) if point.ng.dot(wo) > 0.0 => radiance,
-            Some(Input::Texture(id)) if point.ng.dot(wo) > 0.0 => {
-                self.textures.color(id, point.into()).max(Rgb::ZERO)
-            }
+            Some(Input::Texture(id)) if point.ng.dot(wo) > 0.0 => self.textured_emission(id, *point),
             _ => Rgb::ZERO,
         }
+    }
+
+    /// Takes a copy, so that points on other lights need no address.
+    #[inline(never)]
+    fn textured_emission(&self, id: TextureId, point: SurfacePoint) -> Rgb {
+        self.textures.color(id, (&point).into()).max(Rgb::ZERO)
     }
 
     /// The light that is all around, if there is one.
