@@ -248,6 +248,10 @@ impl<Q: RayQuery, O: PathObserver> EyePath<'_, '_, '_, Q, O> {
         let line = light.vertex.point.p - end.vertex.point.p;
         let distance_squared = line.length_squared();
         let d = line / distance_squared.sqrt();
+        // Half of all pairs end here, before anything is evaluated.
+        if !(end.vertex.faces(d) && light.vertex.faces(-d)) {
+            return;
+        }
         let Some(eye_side) = end.vertex.evaluate(d, TransportMode::Radiance) else { return };
         let Some(light_side) = light.vertex.evaluate(-d, TransportMode::Importance) else { return };
         let Some(shadow_ray) = Ray::spawn_between(&end.vertex.point, &light.vertex.point) else { return };

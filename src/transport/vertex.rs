@@ -117,6 +117,12 @@ impl<'s> SurfaceVertex<'s> {
         self.bsdf.pdf(self.frame.to_local(wi), self.wo_local, mode.other())
     }
 
+    /// Whether the surface could scatter between `wi` and where the path came from: each direction is on the same side of both normals.
+    #[inline(always)]
+    pub fn faces(&self, wi: Vec3) -> bool {
+        self.sides_agree(self.wo, self.wo_local) && self.point.ng.dot(wi) * self.point.ns.dot(wi) > 0.0
+    }
+
     /// [`eval`](Self::eval) with the densities both ways; `None` where nothing is scattered.
     #[inline]
     pub fn evaluate(&self, wi: Vec3, mode: TransportMode) -> Option<Evaluation> {
@@ -124,15 +130,12 @@ impl<'s> SurfaceVertex<'s> {
         if !self.sides_agree(wi, wi_local) || !self.sides_agree(self.wo, self.wo_local) {
             return None;
         }
-        let f = self.bsdf.eval(self.wo_local, wi_local, mode);
+        let (f, pdf_w, pdf_rev_w) = self.bsdf.evaluate(self.wo_local, wi_local, mode);
         if f == Rgb::ZERO {
             return None;
         }
-        Some(Evaluation {
-            f: f * (wi_local.z.abs() * self.correction(wi, wi_local, mode)),
-            pdf_w: self.bsdf.pdf(self.wo_local, wi_local, mode),
-            pdf_rev_w: self.bsdf.pdf(wi_local, self.wo_local, mode.other()),
-        })
+        let f = f * (wi_local.z.abs() * self.correction(wi, wi_local, mode));
+        Some(Evaluation { f, pdf_w, pdf_rev_w })
     }
 
     /// What weights need to know of a scattering event. `cos_in` is [`cos`](Self::cos) of `wo`.

@@ -163,6 +163,21 @@ impl<'s> Bsdf<'s> {
         lobe.pdf(wo, wi * side, mode)
     }
 
+    /// [`eval`](Self::eval), [`pdf`](Self::pdf), and `pdf` of the way back with the other mode.
+    #[inline(always)]
+    pub fn evaluate(&self, wo: Vec3, wi: Vec3, mode: TransportMode) -> (Rgb, f32, f32) {
+        if let Lobe::Diffuse { reflectance } = self.lobe {
+            let up = if self.is_above { 1.0 } else { -1.0 };
+            let (cos_o, cos_i) = (wo.z * up, wi.z * up);
+            return if cos_o > 0.0 && cos_i > 0.0 {
+                (reflectance * FRAC_1_PI, cosine_hemisphere_pdf(cos_i), cosine_hemisphere_pdf(cos_o))
+            } else {
+                (Rgb::ZERO, 0.0, 0.0)
+            };
+        }
+        (self.eval(wo, wi, mode), self.pdf(wo, wi, mode), self.pdf(wi, wo, mode.other()))
+    }
+
     /// Whether there are only delta lobes (or none at all), so that the vertex cannot be connected.
     #[inline]
     pub fn is_delta(&self) -> bool {
