@@ -3,7 +3,7 @@
 use rayon::prelude::*;
 
 use super::plastic::Coat;
-use crate::scene::{Material, MaterialId, Scene};
+use crate::scene::{Material, MaterialId, Microfacet, Scene};
 
 /// What can be said of a material without looking at a point.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
@@ -19,12 +19,17 @@ impl Traits {
     const BLACK: Self = Self { transmits: false, is_delta: true };
 }
 
+/// What a coat is made from: roughness, and index of refraction.
+type CoatKind = (Option<(Microfacet, f32)>, f32);
+
 /// The materials of a scene, ready to become BSDFs at points of surfaces.
 pub struct Materials<'s> {
     pub(super) scene: &'s Scene,
     traits: Vec<Traits>,
-    /// One per material up to the last that has one.
-    coats: Vec<Option<Coat>>,
+    /// Of all plastics; those of the same kind share one.
+    coats: Vec<Coat>,
+    /// For each material, which coat it has.
+    coat_of: Vec<Option<usize>>,
 }
 
 impl<'s> Materials<'s> {
@@ -36,13 +41,19 @@ impl<'s> Materials<'s> {
             let is_delta = is_delta(material, &traits);
             traits.push(Traits { transmits, is_delta });
         }
-        let coated = scene.materials.iter().rposition(|m| matches!(m, Material::Plastic { .. }));
-        let coats =
-            scene.materials[..coated.map_or(0, |i| i + 1)].par_iter().map(|material| match *material {
-                Material::Plastic { roughness, eta, .. } => Some(Coat::new(roughness, eta)),
-                _ => None,
-            });
-        Self { scene, traits, coats: coats.collect() }
+        let mut kinds: Vec<CoatKind> = Vec::new();
+        let coat_of = scene.materials.iter().map(|material| {
+            let Material::Plastic { roughness, eta, .. } = *material else { return None };
+            let kind = (roughness, eta);
+            let known = kinds.iter().position(|&known| known == kind);
+            Some(known.unwrap_or_else(|| {
+                kinds.push(kind);
+                kinds.len() - 1
+            }))
+        });
+        let coat_of = coat_of.collect();
+        let coats = kinds.par_iter().map(|&(roughness, eta)| Coat::new(roughness, eta)).collect();
+        Self { scene, traits, coats, coat_of }
     }
 
     /// The scene that they belong to.
@@ -62,7 +73,7 @@ impl<'s> Materials<'s> {
 
     #[inline]
     pub(super) fn coat(&self, id: MaterialId) -> Option<&Coat> {
-        self.coats.get(id.0 as usize)?.as_ref()
+        self.coats.get((*self.coat_of.get(id.0 as usize)?)?)
     }
 }
 
