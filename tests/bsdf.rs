@@ -409,6 +409,32 @@ fn white_metal_loses_little_when_smooth_and_most_when_rough() {
     assert!((0.97..0.99).contains(&albedo(0.1, normal)) && (0.97..0.99).contains(&albedo(0.1, oblique)));
 }
 
+/// The probability of a delta lobe is not mixed with the density of the other, which is what Mitsuba does (vendor-notes/loaders.md).
+#[test]
+fn a_blend_leaves_a_delta_lobe_its_fraction() {
+    let metal = || Material::Conductor {
+        eta: Rgb::new(0.143, 0.375, 1.442).into(),
+        k: Rgb::new(3.983, 2.386, 1.603).into(),
+        specular_reflectance: Rgb::ONE.into(),
+    };
+    let near = |a: Rgb, b: Rgb| (a - b).abs().max_element() < 1e-5;
+    let base = Rgb::new(0.2, 0.5, 0.8);
+    let blend = blend(0.3, diffuse(base.x, base.y, base.z), metal());
+    for wo in views() {
+        let alone = prepare(&[metal()]).sample(wo, [0.5; 3], Radiance).expect("a mirror reflects");
+        let mut deltas = 0;
+        for i in 0..1000 {
+            let u = (i as f32 + 0.5) / 1000.0;
+            let s = blend.sample(wo, [u, 0.3, 0.6], Radiance).expect("both reflect");
+            deltas += u32::from(s.is_delta);
+            let (weight, pdf) =
+                if s.is_delta { (alone.weight, 0.3) } else { (base, 0.7 * FRAC_1_PI * s.wi.z) };
+            assert!(near(s.weight, weight) && (s.pdf - pdf).abs() < 1e-5, "{s:?} from {wo}");
+        }
+        assert_eq!(deltas, 300);
+    }
+}
+
 #[test]
 fn mirrors_and_smooth_boundaries_keep_all_energy() {
     let mirror = prepare(&[Material::Conductor {
