@@ -691,7 +691,7 @@ fn lenience_replaces_what_is_not_supported_and_says_so() {
     let body = "<shape type='torus'/><shape type='sphere'><float name='radios' value='2'/>
         <bsdf type='hair'><ref id='nowhere' name='x'/></bsdf><emitter type='mesh'/></shape>
         <bsdf type='diffuse'><texture name='reflectance' type='wood'/></bsdf><medium type='homogeneous'/>
-        <sensor type='fisheye'/><dpt/><integrator type='moment'><integrator type='path'/></integrator>"
+        <sensor type='fisheye'/><emitter type='sunsky'/><dpt/><integrator type='moment'><integrator type='path'/></integrator>"
         .replace("<ref id='nowhere' name='x'/>", "");
     let Loaded { scene, warnings, .. } = xml_with(&body, &lenient()).unwrap();
     assert_eq!(scene.shapes.len(), 1);
@@ -706,9 +706,11 @@ fn lenience_replaces_what_is_not_supported_and_says_so() {
     texture `wood` is not supported; grey of 0.5 is used
     medium `homogeneous` is not supported; it is ignored
     sensor `fisheye` is not supported; a camera that frames the scene is used
+    emitter `sunsky` is not supported; a white sky is put in its place
     the scene has no sensor: using a camera that frames its shapes
     ");
-    assert_eq!(replaced, 8);
+    assert_eq!(replaced, 9);
+    assert!(matches!(scene.emitters[..], [Emitter::Constant { radiance: Rgb::ONE }]));
     // What is wrong rather than unsupported stays an error.
     assert!(xml_with("<shape type='sphere'><float name='radius' value='x'/></shape>", &lenient()).is_err());
 }

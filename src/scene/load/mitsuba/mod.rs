@@ -315,9 +315,11 @@ impl<'a> Builder<'a> {
     }
 
     fn light(&mut self, id: ObjectId) -> Result<Option<Light>, LoadError> {
-        let Some((build, properties)) = self.properties(emitters::PLUGINS, id, "the light is left out")?
-        else {
-            return Ok(None);
+        let is_sky = matches!(self.document.object(id).plugin.as_ref(), "sky" | "sunsky");
+        let instead = if is_sky { "a white sky is put in its place" } else { "the light is left out" };
+        let Some((build, properties)) = self.properties(emitters::PLUGINS, id, instead)? else {
+            let white = Light::Free(Emitter::Constant { radiance: Rgb::ONE });
+            return Ok(is_sky.then_some(white));
         };
         properties.ignore("sampling_weight");
         let light = build(&properties, self)?;
