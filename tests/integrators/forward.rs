@@ -16,7 +16,7 @@ use crate::scene_builder::{Build, diffuse, empty, hollow_sphere, quad, scaled, s
 use crate::statistics::{FALSE_ALARM_RATE, Family, Moments, z_test, z_test_two};
 
 /// What the mean of the green channel over all pixels should be.
-enum Expected {
+pub(super) enum Expected {
     Exactly(f64),
     /// As another integrator has it.
     As(Integrator),
@@ -66,12 +66,18 @@ impl BackendTest for Case<'_> {
                 family.record(format!("{name} on {backend}: {mean}, {}", reference.mean()), p);
             }
         }
-        // Some twenty such families are in this file.
+        // Some thirty such families are in this file and in [`super::leaning`].
         family.assert_accepted(0.05 * FALSE_ALARM_RATE);
     }
 }
 
-fn check(name: &str, scene: &Scene, (tested, parameters): (&str, &str), expected: Expected, passes: u32) {
+pub(super) fn check(
+    name: &str,
+    scene: &Scene,
+    (tested, parameters): (&str, &str),
+    expected: Expected,
+    passes: u32,
+) {
     let tested = integrator(tested, parameters);
     on_first_backend(&scene.shapes, &Case { name, scene, tested, expected, passes });
 }

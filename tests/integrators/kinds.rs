@@ -186,7 +186,7 @@ fn all(scene: Scene) -> Scene {
     map(directional(spot(point(octahedron(ball(rectangle(scene)))))))
 }
 
-fn pinhole(mut scene: Scene) -> Scene {
+pub(super) fn pinhole(mut scene: Scene) -> Scene {
     let size = UVec2::splat(16);
     (scene.film.size, scene.film.crop) = (size, PixelRect { min: UVec2::ZERO, size });
     scene.film.filter = Filter::Box;
@@ -225,11 +225,11 @@ fn cropped_thin(scene: Scene) -> Scene {
 }
 
 const BDPT: &[(&str, u32)] = &[("bdpt", 4)];
-const BOTH: &[(&str, u32)] = &[("bdpt", 4), ("ptracer", 24)];
+pub(super) const BOTH: &[(&str, u32)] = &[("bdpt", 4), ("ptracer", 24)];
 /// Passes of `path`.
 const REFERENCE: u32 = 12;
 
-fn check(name: &str, scene: &Scene, tested: &[(&str, u32)]) {
+pub(super) fn check(name: &str, scene: &Scene, tested: &[(&str, u32)]) {
     for &(tested, passes) in tested {
         let versus = Versus {
             name,

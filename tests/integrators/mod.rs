@@ -4,7 +4,7 @@
 //!
 //! | | trouble | tests |
 //! |---|---|---|
-//! | 1 | the adjoint of shading normals is missing (pbrt-v4 385, 526, 13) | `kinds`: all named `smooth`, `bumpmap`, `normalmap`, and the long runs |
+//! | 1 | the adjoint of shading normals is missing (pbrt-v4 385, 526, 13) | `leaning`; `kinds`: all named `smooth`, `bumpmap`, `normalmap`, and the long runs |
 //! | 2 | light leaves a mirrored shape by another side for each strategy (pbrt-v3 229) | `kinds`: `mirrored_mesh_thin_smooth`, `cylinder_crop_mask` |
 //! | 3 | crops count too few splats (pbrt-v4 347), borders are dark (`LuxCore` 237, 239) | `forward::crops_and_sizes_do_not_change_brightness`, `film::splats` |
 //! | 4 | blocked lens points (pbrt-v4 458); one lens point for all vertices (`LuxCore` 667) | `forward::a_lens_half_covered`, `kinds`: all named `orthographic` |
@@ -21,6 +21,7 @@
 mod agreement;
 mod forward;
 mod kinds;
+mod leaning;
 mod photon_bias;
 mod photon_files;
 mod photons;

@@ -122,6 +122,14 @@ impl ExplicitPath<'_> {
         eta * eta * cos_light / cos_eye
     }
 
+    /// Whether two neighbours that can be connected lie between refractions.
+    fn can_connect_behind_deltas(&self) -> bool {
+        let is_crossed = |inner: &Inner| inner.is_delta && inner.eta != 1.0;
+        self.inner
+            .windows(4)
+            .any(|w| is_crossed(&w[0]) && !w[1].is_delta && !w[2].is_delta && is_crossed(&w[3]))
+    }
+
     fn is_delta(&self, i: usize) -> bool {
         (1..self.len() - 1).contains(&i) && self.inner[i - 1].is_delta
     }
@@ -474,6 +482,7 @@ impl BackendTest for Case<'_> {
         let world = World::new(self.scene);
         let mut random = Random::new(7);
         let mut lengths = [0; 9];
+        let mut enclosed = 0;
         for _ in 0..80_000 {
             draw(&world, query, &mut random, |path| {
                 // Where a path grazes a surface or a corner, the f32 of its own cosines is not good to 1e-5.
@@ -485,12 +494,15 @@ impl BackendTest for Case<'_> {
                 });
                 if !is_grazing {
                     lengths[path.len()] += 1;
+                    enclosed += u32::from(path.can_connect_behind_deltas());
                     path.check(&self.name, &world, Heuristic::Balance);
                     path.check(&self.name, &world, Heuristic::Power);
                 }
             });
         }
         assert!(lengths[3..7].iter().all(|&n| n > 30), "{}: too few paths, {lengths:?}", self.name);
+        let has_enclosed = self.name.starts_with("balls in glass");
+        assert!(!has_enclosed || enclosed > 30, "{}: too few paths, {enclosed} connect in glass", self.name);
     }
 }
 
@@ -516,13 +528,16 @@ fn rough_metal(alpha: [f32; 2]) -> Material {
     }
 }
 
-/// A room with a glass ball, a rough metal ball, a rough glass pane and a smooth-shaded ball.
-fn room() -> Scene {
-    let glass = Material::Dielectric {
+fn glass() -> Material {
+    Material::Dielectric {
         eta: 1.5,
         specular_reflectance: Rgb::ONE.into(),
         specular_transmittance: Rgb::ONE.into(),
-    };
+    }
+}
+
+/// A room with a glass ball, a rough metal ball, a rough glass pane and a smooth-shaded ball.
+fn room() -> Scene {
     let pane = Material::RoughDielectric {
         distribution: Microfacet::Beckmann,
         alpha: [0.3.into(); 2],
@@ -535,7 +550,7 @@ fn room() -> Scene {
     let positions = crate::support::placed(&positions, 0.5, DVec3::new(0.9, 0.9, 4.4));
     let smooth = TriangleMesh::new(positions, triangles, normals, Vec::new(), false).expect("a valid mesh");
     walls()
-        .shape(sphere(Vec3::new(-0.8, -0.7, 4.0), 0.7), glass, None)
+        .shape(sphere(Vec3::new(-0.8, -0.7, 4.0), 0.7), glass(), None)
         .shape(sphere(Vec3::new(0.9, -0.8, 4.6), 0.6), rough_metal([0.15, 0.3]), None)
         .shape(quad(Vec3::new(-1.2, 0.1, 3.0), Vec3::X * 1.5, Vec3::Y * 1.0), pane, None)
         .shape(helmholtz::scene::Geometry::Mesh(smooth), diffuse(0.8), None)
@@ -591,6 +606,14 @@ fn cabinet() -> Scene {
         .shape(sphere(Vec3::new(0.0, 0.6, 4.6), 0.5), bumped, None)
         .shape(sphere(Vec3::new(1.1, 0.5, 4.4), 0.5), sheet, None)
         .shape(quad(Vec3::new(-0.6, -0.4, 3.0), Vec3::X * 1.2, Vec3::Y), Material::Null, None)
+}
+
+/// Two balls within one ball of glass: light paths and eye paths meet behind refractions, each within the glass's index.
+fn balls_in_glass() -> Scene {
+    walls()
+        .shape(sphere(Vec3::new(0.0, 0.0, 3.8), 1.2), glass(), None)
+        .shape(sphere(Vec3::new(-0.5, -0.1, 3.7), 0.45), diffuse(0.8), None)
+        .shape(sphere(Vec3::new(0.5, 0.1, 3.7), 0.45), diffuse(0.8), None)
 }
 
 fn lamp(scene: Scene) -> Scene {
@@ -658,8 +681,8 @@ fn crop(mut scene: Scene) -> Scene {
 /// Makes a scene of another: a light or a camera.
 type Change = fn(Scene) -> Scene;
 
-/// Every kind of light and of camera, with the two rooms.
-const CASES: [(&str, fn() -> Scene, &[Change], Change); 15] = [
+/// Every kind of light and of camera, with the three rooms.
+const CASES: [(&str, fn() -> Scene, &[Change], Change); 17] = [
     ("area light, pinhole", room, &[lamp], pinhole),
     ("area light, lens", room, &[lamp], thin_lens),
     ("point light, pinhole", room, &[point_light], pinhole),
@@ -675,6 +698,8 @@ const CASES: [(&str, fn() -> Scene, &[Change], Change); 15] = [
     ("several lobes, lens", cabinet, &[lamp, point_light], thin_lens),
     ("several lobes, sky, orthographic", cabinet, &[map, spot], orthographic),
     ("several lobes, sky, crop", cabinet, &[environment, directional], crop),
+    ("balls in glass, pinhole", balls_in_glass, &[lamp, environment], pinhole),
+    ("balls in glass, lens", balls_in_glass, &[ball_lamp], thin_lens),
 ];
 
 fn build(room: fn() -> Scene, lights: &[Change], camera: Change) -> Scene {
