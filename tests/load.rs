@@ -1,11 +1,12 @@
 //! Loaders: what valid files become, and what invalid ones are told.
 
+use std::fmt::Write as _;
 use std::path::{Path, PathBuf};
 
 use glam::{DVec3, Vec2, Vec3};
 use helmholtz::scene::load::{LoadOptions, Loaded, Severity, load, mitsuba};
 use helmholtz::scene::{
-    AnalyticKind, Emitter, Filter, FovAxis, Geometry, Input, Lens, Material, Microfacet, Scene, Shape,
+    AnalyticKind, Emitter, Filter, FovAxis, Geometry, Input, Lens, Material, Microfacet, Rgb, Scene, Shape,
     SurfacePoint, Texture, TriangleMesh,
 };
 
@@ -1095,7 +1096,7 @@ fn creases_split_vertices() {
     let folder = Folder::new();
     let mut cube = String::new();
     for i in 0..8 {
-        cube += &format!("v {} {} {}\n", i & 1, i >> 1 & 1, i >> 2);
+        writeln!(cube, "v {} {} {}", i & 1, i >> 1 & 1, i >> 2).unwrap();
     }
     cube += "f 1 3 4 2\nf 5 6 8 7\nf 1 2 6 5\nf 3 7 8 4\nf 1 5 7 3\nf 2 4 8 6\n";
     folder.write("cube.obj", cube);

@@ -268,7 +268,7 @@ fn findings_of_fuzzing_stay_mended() {
                 let _ = load(&obj, &LoadOptions::default());
             }
             Some("ply" | "xml") => {
-                drop(load(&path, &LoadOptions { lenient: true, ..LoadOptions::default() }))
+                drop(load(&path, &LoadOptions { lenient: true, ..LoadOptions::default() }));
             }
             Some("serialized") => drop(crate::serialized::load_file(&bytes, "")),
             _ => drop(load_image(&path)),

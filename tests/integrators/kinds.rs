@@ -203,7 +203,7 @@ fn thin(scene: Scene) -> Scene {
 fn orthographic(scene: Scene) -> Scene {
     let mut scene = pinhole(scene);
     scene.camera.lens = Lens::Orthographic;
-    scene.camera.to_world = scene.camera.to_world * DAffine3::from_scale(DVec3::new(2.4, 1.9, 1.0));
+    scene.camera.to_world *= DAffine3::from_scale(DVec3::new(2.4, 1.9, 1.0));
     scene
 }
 

@@ -681,8 +681,11 @@ fn crop(mut scene: Scene) -> Scene {
 /// Makes a scene of another: a light or a camera.
 type Change = fn(Scene) -> Scene;
 
+/// Its name, a room, the lights put into it, and the camera.
+type Setting = (&'static str, fn() -> Scene, &'static [Change], Change);
+
 /// Every kind of light and of camera, with the three rooms.
-const CASES: [(&str, fn() -> Scene, &[Change], Change); 17] = [
+const CASES: [Setting; 17] = [
     ("area light, pinhole", room, &[lamp], pinhole),
     ("area light, lens", room, &[lamp], thin_lens),
     ("point light, pinhole", room, &[point_light], pinhole),
