@@ -7,6 +7,7 @@
 
 mod environment;
 mod spot;
+mod start;
 
 use std::f32::consts::{FRAC_1_PI, PI};
 

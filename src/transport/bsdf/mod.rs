@@ -168,6 +168,32 @@ impl<'s> Bsdf<'s> {
         )
     }
 
+    /// Reflectance of a surface that is nothing but diffuse, on the side that was prepared.
+    #[inline]
+    pub fn diffuse_reflectance(&self) -> Option<Rgb> {
+        match self.lobe {
+            Lobe::Diffuse { reflectance } => Some(reflectance),
+            _ => None,
+        }
+    }
+
+    /// Whether all that is scattered stays on the side it came from. Of what is made of others this is not asked, and they may not.
+    #[inline]
+    pub fn is_opaque(&self) -> bool {
+        match self.lobe {
+            Lobe::Black
+            | Lobe::Diffuse { .. }
+            | Lobe::Conductor(_)
+            | Lobe::RoughConductor(_)
+            | Lobe::Plastic(_) => true,
+            Lobe::Dielectric(_)
+            | Lobe::RoughDielectric(_)
+            | Lobe::ThinDielectric(_)
+            | Lobe::Null
+            | Lobe::Composite(_) => false,
+        }
+    }
+
     /// Whether the tangents of the frame matter, and not its normal alone.
     #[inline]
     pub fn is_anisotropic(&self) -> bool {
