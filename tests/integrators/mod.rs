@@ -4,4 +4,5 @@ mod agreement;
 mod forward;
 mod photons;
 mod strategies;
+mod vpl;
 mod weights;

@@ -209,7 +209,7 @@ fn progressive_images_converge() {
     assert!(early > 0.05 && late < 0.3 * early, "{early}, {late}");
 }
 
-fn glass() -> Material {
+pub(super) fn glass() -> Material {
     Material::Dielectric {
         eta: 1.5,
         specular_reflectance: Rgb::ONE.into(),
@@ -218,7 +218,7 @@ fn glass() -> Material {
 }
 
 /// A glass ball between a lamp and a floor, with a mirror and a wall.
-fn caustic() -> Scene {
+pub(super) fn caustic() -> Scene {
     let lamp = quad(Vec3::new(-0.5, 2.5, 4.5), Vec3::X, Vec3::Z);
     let metal = Material::Conductor {
         eta: Rgb::ZERO.into(),

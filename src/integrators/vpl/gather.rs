@@ -123,7 +123,7 @@ impl<Q: RayQuery> Gather<'_, '_, '_, Q> {
         match self.vpl.visibility {
             Visibility::None => true,
             Visibility::ShadowMap { .. } if light.map != NO_MAP => {
-                let is_front = light.ng.dot(wi) < 0.0;
+                let is_front = light.vertex == DIFFUSE || light.ng.dot(wi) < 0.0;
                 let (map, axis) = if is_front { (light.map, light.ng) } else { (light.map + 1, -light.ng) };
                 self.pass.vpls.maps.is_lit(map, axis, -wi, distance, cos)
             }
