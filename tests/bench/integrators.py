@@ -5,7 +5,7 @@
 
 REFERENCE is a long render of the same scene, size and max_depth with another seed, for instance
     target/release/helmholtz render scenes/hidden-lamps.xml --size 256x256 --integrator bdpt:max_depth=8 --spp 4000 --seed 999 -o REFERENCE.exr
-`mitsuba:VARIANT:PLUGIN` is a plugin of Mitsuba; its llvm variants need DRJIT_LIBLLVM_PATH. Prints samples per second and relMSE, mean of
+Ours may have parameters, as in `vpl:count=1000,visibility=shadowmap`. `mitsuba:VARIANT:PLUGIN` is a plugin of Mitsuba; its llvm variants need DRJIT_LIBLLVM_PATH. Prints samples per second and relMSE, mean of
 (I - R)^2 / (R^2 + 0.01), each the median of three runs; the border of 4 pixels, where Mitsuba cuts its filter, is left out. Mitsuba's error is scaled to
 the exact time, as it cannot be told to stop; its first render, which compiles, does not count.
 """
@@ -39,7 +39,8 @@ def ours(scene, integrator, seconds, size, seed):
     with tempfile.TemporaryDirectory() as folder:
         image = pathlib.Path(folder) / "image.exr"
         command = [PROJECT / "target/release/helmholtz", "render", scene, "--time", f"{seconds}s", "--size", f"{size[0]}x{size[1]}"]
-        command += ["--integrator", f"{integrator}:max_depth={DEPTH}", "--seed", str(seed), "--quiet", "--json", "-o", image]
+        name, _, parameters = integrator.partition(":")
+        command += ["--integrator", ",".join(filter(None, [f"{name}:max_depth={DEPTH}", parameters])), "--seed", str(seed), "--quiet", "--json", "-o", image]
         report = json.loads(subprocess.run(command, check=True, capture_output=True).stdout)
         return load(image), report["passes"], report["render_seconds"]
 

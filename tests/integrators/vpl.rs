@@ -86,11 +86,11 @@ fn a_point_light_over_a_floor() {
     }
 }
 
-/// One indirect bounce in a closed form: a point light shines through a pinhole of directions, a spot, on a black-edged patch so small that it is a point.
-/// The floor right below sees `L = rho_floor / pi * rho_patch / pi * flux * G`, whatever the number of lights.
+/// One indirect bounce in a closed form: a point light over a small patch, whose flux lights a floor, `L = rho_floor / pi * rho_patch / pi * flux * G`. Over the
+/// patch, 0.1 wide at distance 1, irradiance and G fall off by less than 0.5 %.
 #[test]
 fn one_bounce_is_the_product_of_both_ends() {
-    let (patch, width) = (Vec3::new(0.0, 0.0, 2.0), 1e-3);
+    let (patch, width) = (Vec3::new(0.0, 0.0, 2.0), 0.1_f32);
     let corner = patch - Vec3::new(0.5 * width, 0.5 * width, 0.0);
     let light = Vec3::new(0.0, 0.0, 3.0);
     let scene = {
@@ -109,15 +109,15 @@ fn one_bounce_is_the_product_of_both_ends() {
     let indirect = 0.6 / PI * (0.5 / PI) * 1e6 * area * g;
     let direct = 0.6 / PI * 1e6 * (1.0 / 2.0_f64.sqrt()) / 2.0;
     let query = obvhs(&scene);
-    // Few paths hit the patch, which makes the sum over many of them a binomial number: the direct light is taken away first.
-    let tested = means(&scene, &query, parse("vpl:max_depth=3,count=400000,clamp=inf,visibility=none"), 0, 2);
-    let without = means(&scene, &query, parse("vpl:max_depth=2"), 0, 1);
+    // The floor's own direct light, with the same samples, is taken away.
+    let tested = means(&scene, &query, parse("vpl:max_depth=3,count=100000,clamp=inf,visibility=none"), 0, 2);
+    let without = means(&scene, &query, parse("vpl:max_depth=2"), 0, 2);
     assert!((without.mean() / direct - 1.0).abs() < 1e-4, "{} {direct}", without.mean());
     let found = tested.mean() - without.mean();
     println!("{found} +- {} expected {indirect}", tested.standard_error());
-    assert!(tested.standard_error() < 0.1 * indirect);
+    assert!(tested.standard_error() < 0.02 * indirect);
     // 5 standard errors of 32 runs: 2e-5.
-    assert!((found - indirect).abs() < 5.0 * tested.standard_error() + 1e-5 * direct, "{found} {indirect}");
+    assert!((found - indirect).abs() < 5.0 * tested.standard_error() + 0.008 * indirect, "{found} {indirect}");
 }
 
 /// Without a clamp where the variance is finite; all lights, some by the tree, direct light by virtual lights.
@@ -252,7 +252,7 @@ fn a_pass_has_no_noise() {
     (scene.film.size, scene.film.crop) = (size, PixelRect { min: UVec2::ZERO, size });
     // Nothing but the upper plate, and light from the lower.
     scene.shapes.remove(2);
-    scene.camera.to_world.translation = glam::DVec3::new(0.0, 0.0, 5.5);
+    scene.camera.to_world.translation = glam::DVec3::new(0.0, 0.0, 7.0);
     scene.camera.to_world.matrix3 = glam::DMat3::from_rotation_x(-std::f64::consts::FRAC_PI_2);
     scene.camera.fov = 25.0;
     let (world, query) = (World::new(&scene), obvhs(&scene));
@@ -499,7 +499,6 @@ fn extremes_are_finite() {
         "count=50,clamp=inf,compensate=true,visibility=shadowmap,resolution=1,bias=1e30",
         "count=50,visibility=shadowmap,resolution=2,bias=0",
         "count=50,max_depth=0",
-        "count=50,max_depth=1,direct=vpl",
         "count=50,max_depth=2,direct=vpl",
     ] {
         let (image, _) = image(&caustic(), &format!("vpl:{parameters}"), 2);
