@@ -305,8 +305,10 @@ fn shadow_maps_come_near_rays() {
     assert!(none.iter().zip(&rays).all(|(none, rays)| none >= rays), "shadows cannot make brighter");
     let [coarse, fine] = [16, 128].map(|n| error(&image(&format!("visibility=shadowmap,resolution={n}"))));
     println!("relative errors: {} without, {coarse} at 16, {fine} at 128", error(&none));
-    assert!(error(&none) > 0.02, "nothing casts shadows: {}", error(&none));
-    assert!(fine < 0.005 && fine < 0.5 * coarse && coarse < error(&none), "{coarse} {fine}");
+    // The scene's shadows of indirect light are faint: errors count beside what leaving them all away does.
+    let all = error(&none);
+    assert!(all > 5e-4, "nothing casts shadows: {all}");
+    assert!(fine < 0.15 * all && fine < 0.5 * coarse && coarse < 0.5 * all, "{all} {coarse} {fine}");
 }
 
 /// Maps of lights on a surface that transmits show both of its sides: rough glass between a lamp and the room.
