@@ -38,6 +38,39 @@ impl VplSet<'_> {
     }
 }
 
+/// A vertex that looks at many lights.
+struct Seer<'v, 'w> {
+    vertex: &'v SurfaceVertex<'w>,
+    /// If it is diffuse, both its normals on the side that is looked at, and its BSDF: half the cost of a light is saved.
+    diffuse: Option<(Vec3, Vec3, Rgb)>,
+}
+
+impl<'v, 'w> Seer<'v, 'w> {
+    fn new(vertex: &'v SurfaceVertex<'w>) -> Self {
+        let (ng, ns) = (vertex.point.ng, vertex.point.ns);
+        let (by_ng, by_ns) = (vertex.wo.dot(ng), vertex.wo.dot(ns));
+        let side = 1.0_f32.copysign(by_ns);
+        let reflectance = vertex.bsdf.diffuse_reflectance().filter(|_| by_ng * by_ns > 0.0);
+        let diffuse = reflectance.map(|rho| (ng * side, ns * side, rho * std::f32::consts::FRAC_1_PI));
+        Self { vertex, diffuse }
+    }
+
+    /// Whether light along `line` is scattered at all, as far as that is soon told.
+    #[inline]
+    fn may_see(&self, line: Vec3) -> bool {
+        self.diffuse.is_none_or(|(ng, ns, _)| line.dot(ng) > 0.0 && line.dot(ns) > 0.0)
+    }
+
+    /// BSDF times cosine, where [`may_see`](Self::may_see) says yes.
+    #[inline]
+    fn eval(&self, wi: Vec3) -> Rgb {
+        match self.diffuse {
+            Some((_, ns, f)) => f * wi.dot(ns),
+            None => self.vertex.eval(wi, TransportMode::Radiance),
+        }
+    }
+}
+
 /// Looks at the lights of a pass for one pixel.
 struct Gather<'a, 'w, 's, Q> {
     vpl: &'a VirtualLights,
@@ -50,10 +83,11 @@ impl<Q: RayQuery> Gather<'_, '_, '_, Q> {
     /// light to the virtual one.
     fn all(&mut self, vertex: &SurfaceVertex, max_depth: u32, u: f32) -> Rgb {
         let set = &self.pass.vpls;
+        let seer = Seer::new(vertex);
         let mut sum = Rgb::ZERO;
         let Some(samples) = self.vpl.samples else {
             for light in &set.lights {
-                sum += self.one(light, vertex, max_depth);
+                sum += self.one(light, &seer, max_depth);
             }
             for start in 0..set.starts.len() {
                 sum += self.start(start, vertex);
@@ -67,7 +101,7 @@ impl<Q: RayQuery> Gather<'_, '_, '_, Q> {
             for i in 0..samples {
                 let u = (f64::from(i) + f64::from(u)) * samples_inverse;
                 if let Some((index, probability)) = tree.sample(&to, u) {
-                    sum += self.one(&set.lights[index as usize], vertex, max_depth) / probability;
+                    sum += self.one(&set.lights[index as usize], &seer, max_depth) / probability;
                 }
             }
             sum *= samples_inverse as f32;
@@ -86,16 +120,17 @@ impl<Q: RayQuery> Gather<'_, '_, '_, Q> {
 
     /// What a vertex scatters of a virtual light.
     #[inline]
-    fn one(&mut self, light: &Vpl, vertex: &SurfaceVertex, max_depth: u32) -> Rgb {
+    fn one(&mut self, light: &Vpl, seer: &Seer, max_depth: u32) -> Rgb {
+        let vertex = seer.vertex;
         let line = light.position() - vertex.point.p;
         let distance_squared = line.length_squared();
         let is_behind = light.vertex == DIFFUSE && (line.dot(light.ng) >= 0.0 || line.dot(light.ns) >= 0.0);
-        if is_behind || light.depth > max_depth || distance_squared <= 0.0 {
+        if is_behind || light.depth > max_depth || distance_squared <= 0.0 || !seer.may_see(line) {
             return Rgb::ZERO;
         }
         let distance = distance_squared.sqrt();
         let wi = line / distance;
-        let scattered = vertex.eval(wi, TransportMode::Radiance);
+        let scattered = seer.eval(wi);
         if scattered == Rgb::ZERO {
             return Rgb::ZERO;
         }
