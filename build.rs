@@ -32,7 +32,7 @@ mod embree {
         "rtcGetGeometry(BufferData)?",
         "rtcAttachGeometryByID",
         "rtcSetScene(BuildQuality|Flags)",
-        "rtc(Intersect|Occluded)1",
+        "rtc(Forward)?(Intersect|Occluded)1",
     ];
     const TYPES: &[&str] = &[
         "RTC(Ray|Hit|RayHit|Bounds)",

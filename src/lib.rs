@@ -9,6 +9,7 @@
 //! | module | what it holds |
 //! |---|---|
 //! | [`cli`] | one file per subcommand; all printing to people happens there |
+//! | [`study`] | the trade, measured: errors of images |
 //! | [`render`] | the driver: passes, threads, progress, stop conditions, checkpoints |
 //! | [`strategies`] | the driver for images of single strategies |
 //! | [`integrators`] | one file or folder per algorithm |
@@ -34,4 +35,5 @@ pub mod render;
 pub mod sampling;
 pub mod scene;
 pub mod strategies;
+pub mod study;
 pub mod transport;

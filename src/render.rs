@@ -9,6 +9,8 @@ use glam::{IVec2, Vec2};
 use rayon::prelude::*;
 
 use crate::film::{AovRecord, Film, FilmError, PassSamples, Sample, Splat};
+use crate::integrators::photon_map::store::{PhotonFileError, PhotonStore};
+use crate::integrators::photon_map::{PhotonMapper, Show, TooManyPhotons};
 use crate::integrators::{Integrator, Pass, PathObserver, Scratch, Strategy, Unobserved};
 use crate::query::{Ray, RayQuery};
 use crate::scene::Rgb;
@@ -58,21 +60,51 @@ pub enum Control {
     Stop,
 }
 
+/// Why a render ended before its time.
+#[derive(Debug, thiserror::Error)]
+pub enum RenderError {
+    /// The film has no memory for a pass.
+    #[error(transparent)]
+    Film(#[from] FilmError),
+    /// A pass has too many photons.
+    #[error(transparent)]
+    Photons(#[from] TooManyPhotons),
+    /// The file that photons come from or go to fails.
+    #[error(transparent)]
+    PhotonFile(#[from] PhotonFileError),
+}
+
 /// Dimension set of film position and lens point.
 const CAMERA_SET: u32 = 0;
 
 /// Renders passes into the film until `stop` or `progress` says so, which is called after each.
 ///
 /// # Errors
-/// If the film has no memory for a pass.
+/// If the film has no memory for a pass, or the pass would need too much of it.
 pub fn render<Q: RayQuery>(
     world: &World,
     query: &Q,
     target: &Target,
     film: &mut Film,
     stop: &Stop,
+    progress: impl FnMut(&Progress) -> Control,
+) -> Result<Progress, RenderError> {
+    render_with_store(world, query, target, film, stop, &mut PhotonStore::Traced, progress)
+}
+
+/// [`render`], with photons that a file keeps.
+///
+/// # Errors
+/// As of [`render`], and if the file does not have a pass or cannot be read or written.
+pub fn render_with_store<Q: RayQuery>(
+    world: &World,
+    query: &Q,
+    target: &Target,
+    film: &mut Film,
+    stop: &Stop,
+    store: &mut PhotonStore,
     mut progress: impl FnMut(&Progress) -> Control,
-) -> Result<Progress, FilmError> {
+) -> Result<Progress, RenderError> {
     let start = Instant::now();
     let mut done = Progress::default();
     let mut samples = film.new_pass();
@@ -84,19 +116,29 @@ pub fn render<Q: RayQuery>(
         if stop.time.is_some_and(|limit| done.passes > 0 && start.elapsed() >= limit) {
             break;
         }
-        pool.clear();
-        let pass = Pass::new(world, query, target.integrator, target.seed, index, samples.area());
-        // The forward integrator sends rays from the camera only if an AOV asks what they see.
-        let is_forward = matches!(target.integrator, Integrator::Forward(_));
-        let with_samples = !is_forward || film.aovs().needs_records();
-        if with_samples {
-            sample_pixels(&pass, target.integrator, &mut samples, &pool);
+        let (integrator, seed, area) = (target.integrator, target.seed, samples.area());
+        let pass = match store {
+            PhotonStore::Traced | PhotonStore::Saved(_) => {
+                Pass::new(world, query, integrator, seed, index, area)?
+            }
+            PhotonStore::Loaded(file) => {
+                Pass::with_photons(world, query, integrator, seed, index, area, file.read(index)?)
+            }
+        };
+        if let PhotonStore::Saved(file) = store {
+            file.add(index, &pass.photons.map)?;
         }
-        if is_forward {
-            trace_light_paths(&pass, target.integrator, &pool);
+        // Rays from the camera are then sent only if an AOV asks what they see.
+        let only_splats = integrator.only_splats();
+        let with_samples = !only_splats || film.aovs().needs_records();
+        if with_samples {
+            sample_pixels(&pass, integrator, &mut samples, &pool);
+        }
+        if only_splats {
+            trace_light_paths(&pass, integrator, &pool);
         }
         let rays = pool.gather() + pass.photons.rays + pass.vpls.rays;
-        film.add_pass(index, with_samples.then_some(&samples), pool.splats())?;
+        film.add_pass(index, with_samples.then_some(&samples), &pool.splats)?;
         done.passes += 1;
         done.rays += rays;
         done.photons += (pass.photons.map.photons().len() + pass.vpls.len()) as u64;
@@ -111,41 +153,59 @@ pub fn render<Q: RayQuery>(
 
 /// Memory for each thread that works on a pass, kept from pass to pass.
 #[derive(Default)]
-struct Pool<'w>(Mutex<Vec<Scratch<'w>>>);
+struct Pool<'w> {
+    workspaces: Mutex<Vec<Workspace<'w>>>,
+    /// Splats of the last pass, in the order of their tasks.
+    splats: Vec<Splat>,
+}
+
+/// A thread's memory, with an account of which task made which splats.
+#[derive(Default)]
+struct Workspace<'w> {
+    scratch: Scratch<'w>,
+    /// Tasks that made splats, and where these end.
+    tasks: Vec<(usize, usize)>,
+}
 
 impl<'w> Pool<'w> {
-    /// Lends memory to a task.
-    fn lend<R>(&self, task: impl FnOnce(&mut Scratch<'w>) -> R) -> R {
+    /// Lends memory to the task of that number.
+    fn lend<R>(&self, number: usize, task: impl FnOnce(&mut Scratch<'w>) -> R) -> R {
         // A task that panicked ends the render anyway.
-        let lock = || self.0.lock().unwrap_or_else(PoisonError::into_inner);
-        let mut scratch = lock().pop().unwrap_or_default();
-        let result = task(&mut scratch);
-        lock().push(scratch);
+        let lock = || self.workspaces.lock().unwrap_or_else(PoisonError::into_inner);
+        let mut workspace = lock().pop().unwrap_or_default();
+        let before = workspace.scratch.splats.len();
+        let result = task(&mut workspace.scratch);
+        let after = workspace.scratch.splats.len();
+        if after > before {
+            workspace.tasks.push((number, after));
+        }
+        lock().push(workspace);
         result
     }
 
-    /// Forgets the splats of the pass before.
-    fn clear(&mut self) {
-        let all = self.0.get_mut().unwrap_or_else(PoisonError::into_inner);
-        for scratch in all {
-            scratch.splats.clear();
-        }
-    }
-
-    /// Moves the splats of all threads to one place. Returns the number of rays traced since the last time.
+    /// Brings the splats of all threads into an order that does not depend on threads. Returns the number of rays traced since the last time.
     fn gather(&mut self) -> u64 {
-        let all = self.0.get_mut().unwrap_or_else(PoisonError::into_inner);
-        if let Some((first, rest)) = all.split_first_mut() {
-            for scratch in rest {
-                first.splats.append(&mut scratch.splats);
+        let Self { workspaces, splats } = self;
+        let workspaces = workspaces.get_mut().unwrap_or_else(PoisonError::into_inner);
+        splats.clear();
+        let mut parts = Vec::new();
+        for Workspace { scratch, tasks } in &*workspaces {
+            let mut start = 0;
+            for &(number, end) in tasks {
+                parts.push((number, &scratch.splats[start..end]));
+                start = end;
             }
         }
-        all.iter_mut().map(|scratch| std::mem::take(&mut scratch.rays)).sum()
-    }
-
-    fn splats(&mut self) -> &[Splat] {
-        let all = self.0.get_mut().unwrap_or_else(PoisonError::into_inner);
-        all.first().map_or(&[], |scratch| &scratch.splats)
+        parts.sort_unstable_by_key(|(number, _)| *number);
+        for (_, part) in parts {
+            splats.extend_from_slice(part);
+        }
+        let clear = |Workspace { scratch, tasks }: &mut Workspace| {
+            scratch.splats.clear();
+            tasks.clear();
+            std::mem::take(&mut scratch.rays)
+        };
+        workspaces.iter_mut().map(clear).sum()
     }
 }
 
@@ -155,8 +215,8 @@ fn sample_pixels<'w, Q: RayQuery>(
     samples: &mut PassSamples,
     pool: &Pool<'w>,
 ) {
-    samples.par_bands_mut().for_each(|mut band| {
-        pool.lend(|scratch| {
+    samples.par_bands_mut().enumerate().for_each(|(number, mut band)| {
+        pool.lend(number, |scratch| {
             band.for_each(|pixel, sample, record| {
                 *sample = match record {
                     Some(record) => sample_pixel(pass, integrator, pixel, scratch, &mut FirstHit(record)),
@@ -171,15 +231,26 @@ fn sample_pixels<'w, Q: RayQuery>(
 const LIGHT_PATHS_PER_TASK: u64 = 256;
 
 fn trace_light_paths<'w, Q: RayQuery>(pass: &Pass<'w, '_, Q>, integrator: Integrator, pool: &Pool<'w>) {
-    let count = pass.light_paths();
+    let count = light_path_count(pass, integrator);
     (0..count.div_ceil(LIGHT_PATHS_PER_TASK)).into_par_iter().for_each(|task| {
-        pool.lend(|scratch| {
+        pool.lend(task as usize, |scratch| {
             let first = task * LIGHT_PATHS_PER_TASK;
             for slot in first..(first + LIGHT_PATHS_PER_TASK).min(count) {
                 trace_light_path(pass, integrator, slot, scratch, &mut Unobserved);
             }
         });
     });
+}
+
+/// Light paths of a pass that [`trace_light_path`] knows.
+pub fn light_path_count<Q>(pass: &Pass<Q>, integrator: Integrator) -> u64 {
+    match integrator {
+        Integrator::PhotonMap(PhotonMapper { show: Show::Photons, .. }) => {
+            pass.photons.map.photons().len() as u64
+        }
+        Integrator::PhotonMap(_) | Integrator::Backward(_) => 0,
+        _ => pass.light_paths(),
+    }
 }
 
 /// The sample of one pixel in one pass: a function of its arguments alone. Splats that come with it go to `scratch`, which also counts the rays.
@@ -202,7 +273,7 @@ pub fn sample_pixel<'w, Q: RayQuery, O: PathObserver>(
             scratch.rays += u64::from(rays);
             radiance
         }
-        Integrator::Forward(_) => {
+        Integrator::Forward(_) | Integrator::PhotonMap(PhotonMapper { show: Show::Photons, .. }) => {
             scratch.rays += 1;
             let vertex = query.intersect(&ray).map(|hit| SurfaceVertex::new(&world.materials, &hit, &ray));
             observer.segment(TransportMode::Radiance, 1, &ray, vertex.as_ref(), Rgb::ONE);
@@ -227,7 +298,8 @@ pub fn trace_light_path<'w, Q: RayQuery, O: PathObserver>(
     observer: &mut O,
 ) {
     match integrator {
-        Integrator::Backward(_) | Integrator::PhotonMap(_) | Integrator::VirtualLights(_) => {}
+        Integrator::Backward(_) | Integrator::VirtualLights(_) => {}
+        Integrator::PhotonMap(mapper) => mapper.show_photon(pass, slot as usize, scratch),
         Integrator::Forward(forward) => forward.trace_light_path(pass, slot, scratch, observer),
         Integrator::Bidirectional(bidirectional) => {
             bidirectional.trace_light_path(pass, slot, scratch, observer);

@@ -13,7 +13,7 @@ use rayon::prelude::*;
 use crate::film::{AovSet, Channel, Film, FilmError, Image, Pixels, Splat};
 use crate::integrators::{Integrator, Pass, PathObserver, Scratch, Strategy};
 use crate::query::{Ray, RayQuery};
-use crate::render::{Target, sample_pixel, trace_light_path};
+use crate::render::{RenderError, Target, sample_pixel, trace_light_path};
 use crate::scene::{FilmSettings, PixelRect, Rgb};
 use crate::transport::World;
 use crate::transport::bsdf::TransportMode;
@@ -66,9 +66,9 @@ impl StrategyImages {
         query: &Q,
         target: &Target,
         index: u32,
-    ) -> Result<(), FilmError> {
+    ) -> Result<(), RenderError> {
         let area = Film::new(&self.settings, AovSet::default(), self.radiance_unit)?.sampled_area();
-        let pass = Pass::new(world, query, target.integrator, target.seed, index, area);
+        let pass = Pass::new(world, query, target.integrator, target.seed, index, area)?;
         let mut splats: BTreeMap<Strategy, [Vec<Splat>; 2]> = BTreeMap::new();
         for Contribution { strategy, film, value, weight } in collect(&pass, target.integrator) {
             let [weighted, unweighted] = splats.entry(strategy).or_default();

@@ -270,6 +270,89 @@ fn strategies_are_written_as_layers_and_sheets() {
     assert!(text.contains("max_depth"), "{text}");
 }
 
+/// Renders of two seeds differ by what their noise allows; exit codes, JSON and the heat map.
+#[test]
+fn images_are_compared() {
+    let folder = Folder::new();
+    for (seed, name) in [("1", "a.exr"), ("2", "b.exr")] {
+        let size = ["--size", "32x32", "--spp", "16", "--aov", "variance", "--seed", seed, "-o", name];
+        folder.succeed(&[&["render", SCENE, "--integrator", "path:max_depth=3"], &size[..]].concat());
+    }
+    let report = folder.run(&["diff", "a.exr", "b.exr", "--json", "--heat-map", "map.png"]);
+    let json: serde_json::Value = serde_json::from_slice(&report.stdout).expect("JSON");
+    let number = |name: &str| json[0][name].as_f64().unwrap_or_else(|| panic!("{name}: {json}"));
+    assert!(number("relmse") > 0.0 && number("relmse") >= number("relmse_trimmed"));
+    // The film's filter makes z up to 3 times as large as it should be: false alarms below 1e-4.
+    assert!(number("bias_z").abs() < 12.0 && number("non_finite") == 0.0, "{json}");
+    assert!(number("flip_ldr") > 0.0 && number("flip_hdr") < 1.0);
+    assert!(folder.path("map.png").exists());
+    let limit =
+        |image: &str, limit: &str| folder.run(&["diff", "a.exr", image, "--max-relmse", limit]).status.code();
+    assert_eq!(
+        (limit("b.exr", "10"), limit("b.exr", "1e-9"), limit("a.exr", "0")),
+        (Some(0), Some(3), Some(0))
+    );
+    let text = String::from_utf8(folder.run(&["diff", "a.exr", "a.exr", "b.png"]).stdout).expect("text");
+    assert!(text.contains("PSNR inf dB") && text.contains("b.png") && text.contains("FLIP"), "{text}");
+    folder.succeed(&["render", SCENE, "--size", "16x32", "--spp", "1", "-o", "small.exr"]);
+    let error = folder.fail(&["diff", "a.exr", "small.exr"], 1);
+    assert!(error.contains("16 x 32") && error.contains("32 x 32"), "{error}");
+    assert!(
+        folder.fail(&["diff", "a.exr", "a.exr", "b.exr", "--heat-map", "m.png"], 1).contains("one image")
+    );
+    assert!(folder.fail(&["diff", "a.exr", "none.exr"], 1).contains("none.exr"));
+}
+
+/// Photons are saved and loaded, at another size too; what does not fit is said, and so is a scene in which no photon lands.
+#[test]
+fn photons_are_saved_and_loaded() {
+    let folder = Folder::new();
+    let with = |integrator: &str, more: &[&str]| {
+        let mut arguments = vec!["render", SCENE, "--size", "24x16", "--integrator", integrator];
+        arguments.extend(more);
+        arguments.iter().map(|a| (*a).to_owned()).collect::<Vec<_>>()
+    };
+    let succeed =
+        |arguments: Vec<String>| folder.succeed(&arguments.iter().map(String::as_str).collect::<Vec<_>>());
+    let fail =
+        |arguments: Vec<String>| folder.fail(&arguments.iter().map(String::as_str).collect::<Vec<_>>(), 1);
+    let sppm = "sppm:photons=2000,max_depth=5";
+    let text = succeed(with(sppm, &["--spp", "3", "--save-photons", "p", "-o", "a.exr"]));
+    assert!(text.contains("photons of 3 passes"), "{text}");
+    succeed(with(sppm, &["--spp", "3", "--load-photons", "p", "-o", "b.exr", "--backend", "obvhs"]));
+    succeed(with(sppm, &["--spp", "3", "-o", "c.exr", "--load-photons", "p"]));
+    assert!(channels(&folder.path("a.exr")) == channels(&folder.path("c.exr")));
+    succeed(with(
+        "photonmapper:photons=2000,max_depth=5,show=photons",
+        &["--time", "60s", "--load-photons", "p", "-o", "d.exr"],
+    ));
+    assert!(channels(&folder.path("d.exr")).iter().any(|(_, bits)| bits.iter().any(|b| *b != 0)));
+    for (integrator, more, told) in [
+        (sppm, &["--spp", "4"] as &[&str], "not pass 3"),
+        (sppm, &["--spp", "3", "--seed", "1"], "seed"),
+        ("sppm:photons=1999,max_depth=5", &["--spp", "3"], "integrator"),
+        ("sppm:photons=2000,max_depth=5,mode=caustic", &["--spp", "3"], "integrator"),
+        ("path", &["--spp", "3"], "photonmapper"),
+        (sppm, &["--spp", "3", "-D", "a=b"], "scene"),
+    ] {
+        let error = fail(with(integrator, &[more, &["--load-photons", "p"]].concat()));
+        assert!(error.contains(told), "{told}: {error}");
+    }
+    let dark = folder.path("dark.xml");
+    fs::write(&dark, r#"<scene version="3.0.0"><shape type="rectangle"/></scene>"#).expect("written");
+    let text = folder.succeed(&[
+        "render",
+        "dark.xml",
+        "--size",
+        "8x8",
+        "--spp",
+        "1",
+        "--integrator",
+        "photonmapper",
+    ]);
+    assert!(text.contains("no photon was stored"), "{text}");
+}
+
 /// Nothing hits a pinhole, and that is said.
 #[test]
 fn a_black_image_is_announced() {

@@ -10,12 +10,12 @@ use helmholtz::query::BuildQuality;
 use helmholtz::query::obvhs::ObvhsQuery;
 use helmholtz::query::{Ray, RayQuery};
 use helmholtz::scene::{
-    AnalyticKind, AnalyticShape, Emitter, EnvironmentMap, Geometry, Rgb, Scene, Spot, SurfacePoint,
-    TriangleMesh,
+    AnalyticKind, AnalyticShape, Bitmap, Emitter, EnvironmentMap, Geometry, Input, MeshAttribute, Place, Rgb,
+    Scene, Spot, SurfacePoint, TexelFilter, Texture, TextureId, Textures, TriangleMesh, Wrap,
 };
 use helmholtz::transport::World;
 
-use crate::scene_builder::{Build, diffuse, empty, image, quad, sphere};
+use crate::scene_builder::{Build, checkered, diffuse, empty, image, quad, sphere};
 use crate::statistics::{FALSE_ALARM_RATE, Family, Moments, Random, chi_squared, z_test_two};
 
 const CELLS: usize = 12;
@@ -261,6 +261,10 @@ fn emission_agrees_with_illumination() {
         .into_iter()
         .map(|l| (l.name.to_owned(), empty().shape(l.geometry, diffuse(0.0), Some(Rgb::new(1.0, 2.0, 3.0)))))
         .collect();
+    scenes.extend(charted_lights().into_iter().map(|l| {
+        let scene = empty().shape(l.geometry, diffuse(0.0), Some(Rgb::ONE));
+        (format!("textured {}", l.name), checkered(scene))
+    }));
     let point = Emitter::Point { position: Vec3::new(0.3, 0.5, 0.1), intensity: Rgb::splat(4.0) };
     let sky = Emitter::Constant { radiance: Rgb::splat(0.5) };
     scenes.push(("point".to_owned(), empty().emitter(point.clone())));
@@ -348,5 +352,91 @@ fn lights_are_chosen_by_power() {
             Some(pdf) => assert!((pdf / (intensity / total) - 1.0).abs() < 1e-5, "light {i}: {pdf}"),
             None => assert!(intensity < 1.0, "light {i} is never chosen"),
         }
+    }
+}
+
+/// With a texture the mean over the light counts: half of the squares are eleven times as bright. And what emits from less than the grid
+/// of that mean can see is chosen all the same.
+#[test]
+fn textured_lights_are_chosen_by_their_mean() {
+    let lamp = |x: f32| {
+        let corners = [Vec2::ZERO, Vec2::X, Vec2::ONE, Vec2::Y];
+        let positions = corners.map(|c| Vec3::new(x + c.x, 2.0, c.y)).to_vec();
+        let triangles = vec![[0, 1, 2], [0, 2, 3]];
+        let mesh = TriangleMesh::new(positions, triangles, Vec::new(), corners.to_vec(), false);
+        Geometry::Mesh(mesh.expect("a valid mesh"))
+    };
+    let pair = |texture| {
+        let mut scene = empty().shape(lamp(0.0), diffuse(0.0), None).shape(
+            lamp(3.0),
+            diffuse(0.0),
+            Some(Rgb::splat(2.0)),
+        );
+        scene.textures.push(texture);
+        scene.shapes[0].emission = Some(Input::Texture(TextureId(0)));
+        scene
+    };
+    let share = |scene: &Scene| {
+        let world = World::new(scene);
+        let start = |u| world.lights.sample_le(u, Vec2::splat(0.3), Vec2::splat(0.5));
+        let first = (0..1000).map(|i| start((i as f32 + 0.5) / 1000.0));
+        // A path that starts in the dark is none; the other lamp emits everywhere.
+        let other = first.flatten().find(|s| s.point.is_some_and(|p| p.shape == 1)).expect("the other lamp");
+        1.0 - other.pdf_position
+    };
+    let squares = Texture::Checkerboard {
+        color0: Rgb::splat(11.0).into(),
+        color1: Rgb::splat(1.0).into(),
+        to_uv: glam::Affine2::from_scale(Vec2::splat(4.0)),
+    };
+    assert!((share(&pair(squares)) - 6.0 / 8.0).abs() < 1e-3);
+    let mut texels = vec![[0.0; 3]; 256 * 256];
+    texels[256 * 77 + 33] = [1000.0; 3];
+    let spark = Bitmap {
+        image: image(glam::UVec2::splat(256), texels),
+        raw: true,
+        filter: TexelFilter::Nearest,
+        wrap: Wrap::Clamp,
+        to_uv: glam::Affine2::IDENTITY,
+    };
+    // The true mean is 0.015; a hundredth of the brightest is 10.
+    assert!((share(&pair(Texture::Bitmap(spark))) - 10.0 / 12.0).abs() < 1e-3);
+}
+
+/// Attributes of vertices are linear over a triangle however far away and distorted it is, those of faces constant; one channel is grey.
+#[test]
+fn attributes_of_meshes_are_interpolated() {
+    let corners = [Vec3::new(1.0e3, 0.0, 5.0), Vec3::new(1.004e3, 1.0, 5.0), Vec3::new(1.001e3, 8.0, 7.0)];
+    let attribute = |name: &str, per_face, channels, values: &[f32]| MeshAttribute {
+        name: name.to_owned(),
+        per_face,
+        channels,
+        values: values.to_vec(),
+    };
+    let mesh = TriangleMesh::new(corners.to_vec(), vec![[0, 1, 2], [2, 1, 0]], Vec::new(), Vec::new(), false)
+        .and_then(|mesh| {
+            mesh.with_attributes(vec![
+                attribute("vertex_color", false, 3, &[1.0, 0.0, 0.0, 0.0, 1.0, 0.0, 0.0, 0.0, 1.0]),
+                attribute("face_grey", true, 1, &[0.25, 0.75]),
+            ])
+        })
+        .expect("a valid mesh");
+    let mut scene = empty().shape(Geometry::Mesh(mesh.clone()), diffuse(0.5), None);
+    for (name, scale) in [("vertex_color", 1.0), ("face_grey", 2.0), ("vertex_none", 1.0)] {
+        scene.textures.push(Texture::MeshAttribute { name: name.to_owned(), scale });
+    }
+    let at = |texture, point: &SurfacePoint| {
+        Input::<Rgb>::Texture(TextureId(texture)).at(Textures::of(&scene), Place::from(point))
+    };
+    let mut random = Random::new(5);
+    for _ in 0..1000 {
+        let b = helmholtz::sampling::warp::square_to_triangle(random.uniform_2d());
+        let point = SurfacePoint::on_triangle(&mesh, 0, 0, b.x, b.y);
+        let expected = Rgb::new(1.0 - b.x - b.y, b.x, b.y);
+        // Positions near 1000 are rounded to 6e-5, on edges of 4.
+        assert!(at(0, &point).abs_diff_eq(expected, 1e-4), "{} {expected}", at(0, &point));
+        assert_eq!(at(1, &point), Rgb::splat(0.5));
+        assert_eq!(at(1, &SurfacePoint::on_triangle(&mesh, 0, 1, b.x, b.y)), Rgb::splat(1.5));
+        assert_eq!(at(2, &point), Rgb::ZERO);
     }
 }

@@ -62,14 +62,14 @@ fn shape(body: &str) -> Shape {
 fn mesh_of(shape: &Shape) -> &TriangleMesh {
     match &shape.geometry {
         Geometry::Mesh(mesh) => mesh,
-        Geometry::Analytic(_) => panic!("{} is not a mesh", shape.name),
+        Geometry::Analytic(_) | Geometry::Instance(_) => panic!("{} is not a mesh", shape.name),
     }
 }
 
 fn triangle_count(shape: &Shape) -> usize {
     match &shape.geometry {
         Geometry::Mesh(mesh) => mesh.triangles().len(),
-        Geometry::Analytic(_) => 0,
+        Geometry::Analytic(_) | Geometry::Instance(_) => 0,
     }
 }
 
@@ -482,7 +482,10 @@ fn mtl_materials_are_translated() {
     };
     assert_eq!(of(0), Material::Diffuse { reflectance: Vec3::X.into() });
     assert_eq!(of(1), Material::Diffuse { reflectance: Vec3::ZERO.into() });
-    assert_eq!(shapes.iter().filter_map(|s| s.emission).collect::<Vec<_>>(), [Vec3::new(5.0, 5.0, 4.0)]);
+    assert_eq!(
+        shapes.iter().filter_map(|s| s.emission).collect::<Vec<_>>(),
+        [Input::Constant(Vec3::new(5.0, 5.0, 4.0))]
+    );
     assert!(matches!(of(2), Material::Dielectric { eta: 1.5, .. }));
     // sqrt(2 / 200).
     assert!(matches!(of(3), Material::RoughConductor { alpha: [Input::Constant(0.1), _], .. }));
@@ -535,7 +538,9 @@ fn every_plugin_builds_with_its_defaults() {
         grey.write_to(&mut png, image::ImageFormat::Png).unwrap();
         folder.write(name, png.into_inner());
     }
-    for (category, plugin) in mitsuba::supported() {
+    // `spectra_may_be_objects` has the spectra, which are parameters of others.
+    let is_object = |category: &mitsuba::Category| *category != mitsuba::Category::Spectrum;
+    for (category, plugin) in mitsuba::supported().into_iter().filter(|(c, _)| is_object(c)) {
         let name = plugin.name;
         let required: String = plugin
             .parameters()
@@ -546,6 +551,7 @@ fn every_plugin_builds_with_its_defaults() {
                     format!("<string name='filename' value='{folder}/patches.png'/>")
                 }
                 "filename" => format!("<string name='filename' value='a.{name}'/>"),
+                "name" => "<string name='name' value='vertex_color'/>".to_owned(),
                 "weights" => "<string name='weights' value='1'/>".to_owned(),
                 other => format!("<float name='{other}' value='1'/>"),
             })
@@ -628,7 +634,7 @@ fn errors_say_where_what_and_what_instead() {
         "<shape type='instance'/>",
         "<shape type='shapegroup'><shape type='sphere'><emitter type='area'/></shape></shape>",
         "<shape type='shapegroup' id='g'><shape type='sphere'/></shape><shape type='instance'><ref id='g'/>\
-         <transform name='to_world'><scale x='2'/></transform></shape>",
+         <transform name='to_world'><scale x='0'/></transform></shape>",
         "<integrator type='moment'/>",
         "<sensor type='perspective'><film type='hdrfilm'><integer name='width' value='1000000'/></film></sensor>",
         "<texture type='wood'/>",
@@ -671,10 +677,10 @@ fn errors_say_where_what_and_what_instead() {
     scene.xml:1:50: a second environment; expected at most one `constant` or `envmap`
     scene.xml:1:24: an instance without a shape group; expected a <ref> to a `shapegroup`
     scene.xml:1:49: a shape that emits in a shape group; expected lights outside of shape groups
-    scene.xml:1:86: `to_world` of the instance distorts `sphere-0`; expected rotation, translation and even scale, or a mesh
+    scene.xml:1:86: a map that is singular, not finite, or scales by more than 1e12 or less than its inverse; expected less, or a transform that can be inverted
     scene.xml:1:24: integrator `moment` around 0 objects; expected one integrator in it
     scene.xml:1:72: a film of 1000000 x 576 pixels; expected at most 268435456 pixels
-    scene.xml:1:24: texture `wood` is not supported; expected one of bitmap, checkerboard, scale
+    scene.xml:1:24: texture `wood` is not supported; expected one of bitmap, checkerboard, scale, mesh_attribute
     scene.xml:1:24: <wobble>; expected an object (shape, bsdf, emitter, sensor, integrator, ...)
     scene.xml:1:49: a second integrator; expected at most one
     ");
@@ -914,27 +920,37 @@ fn integrators_are_unwrapped_and_translated() {
     assert_eq!(settings("<integrator type='vcm'/>").name.as_deref(), Some("vcm"));
 }
 
-/// Instances stand where their transforms put the group, with normals that keep their side even where a transform reflects.
+/// Instances stand where their transforms put the group, which is held once, with normals that keep their side even where a transform reflects.
 #[test]
-fn instances_are_copies_of_their_group() {
+fn instances_are_places_of_their_group() {
     let scene = xml("<shape type='instance' id='i'><ref id='g'/></shape>
         <shape type='shapegroup' id='g'><shape type='rectangle' id='r'/>
           <shape type='obj' id='flat'><string name='filename' value='CORNER'/><boolean name='face_normals' value='true'/></shape>
-          <shape type='sphere'/></shape>
-        <shape type='instance' id='m'><ref id='g'/><transform name='to_world'><scale x='-2' y='2' z='2'/><translate z='5'/></transform></shape>"
+          <shape type='sphere' id='ball'><bsdf type='conductor'/></shape></shape>
+        <shape type='instance' id='m'><ref id='g'/><transform name='to_world'><scale x='-2' y='2' z='2'/><translate z='5'/></transform></shape>
+        <shape type='shapegroup' id='none'/><shape type='instance'><ref id='none'/></shape>"
         .replace("CORNER", &corner_file().display().to_string())
         .as_str());
-    assert_eq!(scene.shapes.len(), 6);
     let names: Vec<_> = scene.shapes.iter().map(|s| s.name.as_str()).collect();
-    assert_eq!(&names[..2], ["i.r", "i.flat"]);
-    let normal = |shape: usize| SurfacePoint::on_triangle(mesh_of(&scene.shapes[shape]), 0, 0, 0.2, 0.3).ng;
-    for (plain, moved) in [(0, 3), (1, 4)] {
-        let n = normal(plain);
-        let expected = (n * Vec3::new(-1.0, 1.0, 1.0)).normalize();
-        assert!(normal(moved).abs_diff_eq(expected, 1e-5), "{n} became {}", normal(moved));
+    assert_eq!(names, ["i", "m"]);
+    let instance_of = |shape: &Shape| match &shape.geometry {
+        Geometry::Instance(instance) => instance.clone(),
+        Geometry::Mesh(_) | Geometry::Analytic(_) => panic!("{} is no instance", shape.name),
+    };
+    let [i, m] = [0, 1].map(|shape| instance_of(&scene.shapes[shape]));
+    assert!(std::sync::Arc::ptr_eq(i.group(), m.group()));
+    assert!((m.to_world().translation - DVec3::Z * 5.0).length() < 1e-9);
+    let count = scene.shapes[0].geometry.primitive_count();
+    let (ball, within) = scene.shapes[1].part(count - 1);
+    assert_eq!((ball.name.as_str(), within), ("ball", 0));
+    assert!(matches!(scene.materials[ball.material.0 as usize], Material::Conductor { .. }));
+    for primitive in [0, 1, 2, count - 2] {
+        let normal = |shape| {
+            SurfacePoint::from_hit(&scene.shapes, shape, primitive, 0.2, 0.3, Vec3::ZERO, Vec3::Z, 1.0).ng
+        };
+        let expected = (normal(0) * Vec3::new(-1.0, 1.0, 1.0)).normalize();
+        assert!(normal(1).abs_diff_eq(expected, 1e-5), "{} became {}", normal(0), normal(1));
     }
-    let Geometry::Analytic(sphere) = &scene.shapes[5].geometry else { panic!() };
-    assert!((sphere.to_world().translation - DVec3::Z * 5.0).length() < 1e-9);
 }
 
 /// A file that outlives the test's own folder.
@@ -963,4 +979,165 @@ fn ply_attributes_are_kept() {
     assert_eq!(heat, [255.0, 0.0, 51.0, 0.0]);
     // A value for each of the quad's triangles.
     assert_eq!(attributes[2].values, [0.25, 0.25]);
+}
+
+/// Where a mesh attribute is asked for that is not there, or that the BSDF cannot carry, the file is told.
+#[test]
+fn attributes_that_cannot_be_had_are_errors() {
+    let folder = Folder::new();
+    folder.write("corner.obj", CORNER_OBJ);
+    let error = |body: &str| {
+        folder.write("a.xml", format!("<scene version='3.0.0'>{body}</scene>"));
+        folder.load("a.xml", &LoadOptions::default()).map(|_| ()).expect_err(body)
+    };
+    let texture = |name: &str, attribute: &str| {
+        format!(
+            "<texture type='mesh_attribute' name='{name}'><string name='name' value='{attribute}'/></texture>"
+        )
+    };
+    let mesh = "<shape type='obj'><string name='filename' value='corner.obj'/>";
+    let color = texture("reflectance", "vertex_color");
+    let found =
+        error(&format!("{mesh}<bsdf type='twosided'><bsdf type='diffuse'>{color}</bsdf></bsdf></shape>"));
+    assert!(
+        found.starts_with("a.xml:1:") && found.contains("attribute `vertex_color`, which shape"),
+        "{found}"
+    );
+    let shared =
+        format!("<bsdf type='diffuse' id='b'>{color}</bsdf><shape type='sphere'><ref id='b'/></shape>");
+    assert!(error(&shared).contains("attribute `vertex_color`"));
+    let lamp = texture("radiance", "face_heat");
+    let found = error(&format!("{mesh}<emitter type='area'>{lamp}</emitter></shape>"));
+    assert!(found.contains("attribute `face_heat`"), "{found}");
+    let found = error(&format!("<bsdf type='mask'><bsdf type='diffuse'>{color}</bsdf></bsdf>"));
+    assert!(found.contains("attribute `vertex_color` of meshes in a principled BSDF"), "{found}");
+    assert!(
+        error(&format!("<bsdf type='diffuse'>{}</bsdf>", texture("reflectance", "color")))
+            .contains("`vertex_`")
+    );
+}
+
+/// Of spectra as objects: the same as in other words.
+#[test]
+fn spectra_may_be_objects() {
+    let radiance = |spectrum: &str| {
+        let scene = xml(&format!("<shape type='sphere'><emitter type='area'>{spectrum}</emitter></shape>"));
+        match scene.shapes[0].emission {
+            Some(Input::Constant(radiance)) => radiance,
+            other => panic!("{other:?} of {spectrum}"),
+        }
+    };
+    let list = radiance("<spectrum name='radiance' value='400:0.1, 500:0.9, 600:0.6'/>");
+    let object = |kind: &str, parameters: &str| {
+        radiance(&format!("<spectrum type='{kind}' name='radiance'>{parameters}</spectrum>"))
+    };
+    let values = "<string name='values' value='0.1, 0.9, 0.6'/>";
+    let range = "<float name='wavelength_min' value='400'/><float name='wavelength_max' value='600'/>";
+    assert_eq!(object("regular", &format!("{range}{values}")), list);
+    let wavelengths = "<string name='wavelengths' value='400 500 600'/>";
+    assert_eq!(object("irregular", &format!("{wavelengths}{values}")), list);
+    assert_eq!(object("uniform", "<float name='value' value='0.4'/>"), Vec3::splat(0.4));
+    let inner = "<float name='scale' value='2'/><spectrum type='srgb' name='color'><rgb name='color' value='.5 .25 1'/></spectrum>";
+    assert_eq!(object("d65", inner), Vec3::new(1.0, 0.5, 2.0));
+    let hot = object("blackbody", "<float name='temperature' value='3000'/>");
+    assert!(hot.x > hot.y && hot.y > hot.z && hot.z > 0.0, "{hot}");
+    let shared = "<spectrum type='uniform' id='s'><float name='value' value='3'/></spectrum>
+                  <shape type='sphere'><emitter type='area'><ref id='s' name='radiance'/></emitter></shape>";
+    assert_eq!(xml(shared).shapes[0].emission, Some(Input::Constant(Vec3::splat(3.0))));
+    for (spectrum, words) in [
+        ("<spectrum type='volume' name='radiance'/>", "spectrum `volume` as `radiance`"),
+        ("<spectrum type='blackbody' name='radiance'/>", "without `temperature`"),
+        ("<spectrum type='d65' name='radiance'/><float name='radiance' value='1'/>", "again"),
+        (
+            "<spectrum type='irregular' name='radiance'><string name='wavelengths' value='500 400'/>
+             <string name='values' value='1 1'/></spectrum>",
+            "ascending",
+        ),
+    ] {
+        let error =
+            xml_error(&format!("<shape type='sphere'><emitter type='area'>{spectrum}</emitter></shape>"));
+        assert!(error.contains(words), "{error}");
+    }
+}
+
+/// A face without normals beside one that has them: what is given stays, what lacks becomes smooth, or flat in a bare mesh.
+#[test]
+fn normals_that_some_faces_lack() {
+    let folder = Folder::new();
+    folder.write(
+        "a.obj",
+        "usemtl red\nv 0 0 0\nv 1 0 0\nv 1 1 0\nv 0 1 0\nv 0 0 1\nvn 0.6 0 0.8\nf 1//1 2//1 3//-1\nf 1 3 4\nf 1 4 5\n",
+    );
+    folder.write(
+        "a.xml",
+        "<scene version='3.0.0'><shape type='obj'><string name='filename' value='a.obj'/></shape></scene>",
+    );
+    let normal = |mesh: &TriangleMesh, triangle| SurfacePoint::on_triangle(mesh, 0, triangle, 0.25, 0.25).ns;
+    let loaded = folder.load("a.xml", &LoadOptions::default()).unwrap();
+    assert!(loaded.warnings.iter().any(|w| w.message.contains("some faces lack normals")));
+    let mesh = mesh_of(&loaded.scene.shapes[0]);
+    assert!(normal(mesh, 0).abs_diff_eq(Vec3::new(0.6, 0.0, 0.8), 1e-6));
+    // The edge that the two others share: between +z and +x.
+    let shared = SurfacePoint::on_triangle(mesh, 0, 2, 0.0, 0.0).ns;
+    assert!(shared.abs_diff_eq(SurfacePoint::on_triangle(mesh, 0, 1, 0.0, 0.0).ns, 1e-6), "{shared}");
+    assert!(shared.x > 0.3 && shared.z > 0.3, "{shared}");
+    let bare = folder.load("a.obj", &LoadOptions::default()).unwrap().scene;
+    let mesh = mesh_of(&bare.shapes[0]);
+    assert!(normal(mesh, 0).abs_diff_eq(Vec3::new(0.6, 0.0, 0.8), 1e-6));
+    assert_eq!((normal(mesh, 1), normal(mesh, 2)), (Vec3::Z, Vec3::X));
+}
+
+/// A cube of eight vertices: its edges are creases of 90 degrees.
+#[test]
+fn creases_split_vertices() {
+    let folder = Folder::new();
+    let mut cube = String::new();
+    for i in 0..8 {
+        cube += &format!("v {} {} {}\n", i & 1, i >> 1 & 1, i >> 2);
+    }
+    cube += "f 1 3 4 2\nf 5 6 8 7\nf 1 2 6 5\nf 3 7 8 4\nf 1 5 7 3\nf 2 4 8 6\n";
+    folder.write("cube.obj", cube);
+    let mesh = |angle: f64| {
+        folder.write(
+            "a.xml",
+            format!(
+                "<scene version='0.6.0'><shape type='obj'><string name='filename' value='cube.obj'/>
+                 <float name='maxSmoothAngle' value='{angle}'/></shape></scene>"
+            ),
+        );
+        mesh_of(&folder.load("a.xml", &LoadOptions::default()).unwrap().scene.shapes[0]).clone()
+    };
+    for (angle, vertices) in [(40.0, 24), (89.0, 24), (91.0, 8), (180.0, 8)] {
+        let mesh = mesh(angle);
+        assert_eq!(mesh.positions().len(), vertices, "{angle}");
+        for triangle in 0..12 {
+            let point = SurfacePoint::on_triangle(&mesh, 0, triangle, 0.0, 0.0);
+            let outwards = point.p - Vec3::splat(0.5);
+            let expected = if vertices == 24 { point.ng } else { outwards.normalize() };
+            assert!(point.ns.abs_diff_eq(expected, 1e-5), "{angle}: {} {expected}", point.ns);
+            assert!(point.ng.dot(outwards) > 0.0);
+        }
+    }
+}
+
+/// `map_Ke` times `Ke`, or alone where that is absent.
+#[test]
+fn emission_maps_of_mtl() {
+    let folder = Folder::new();
+    let image = Path::new(env!("CARGO_MANIFEST_DIR")).join("tests/scenes/textures/patches.png");
+    folder.write("map.png", std::fs::read(image).unwrap());
+    let mtl = "newmtl a\nKe 2 4 6\nmap_Ke map.png\nnewmtl b\nmap_Ke map.png\nnewmtl c\nKe 1 1 1\n";
+    folder.write("a.mtl", mtl);
+    let face = |name: &str| format!("usemtl {name}\nv 0 0 0\nv 1 0 0\nv 0 1 0\nf -3 -2 -1\n");
+    folder.write("a.obj", format!("mtllib a.mtl\n{}{}{}", face("a"), face("b"), face("c")));
+    let loaded = folder.load("a.obj", &LoadOptions::default()).unwrap();
+    assert!(!loaded.warnings.iter().any(|w| w.message.contains("map_Ke")), "{:?}", loaded.warnings);
+    let scene = loaded.scene;
+    let texture = |shape: usize| match scene.shapes[shape].emission {
+        Some(Input::Texture(id)) => &scene.textures[id.0 as usize],
+        other => panic!("{other:?}"),
+    };
+    assert!(matches!(texture(0), Texture::Scale { factor, .. } if *factor == Vec3::new(2.0, 4.0, 6.0)));
+    assert!(matches!(texture(1), Texture::Bitmap(_)));
+    assert_eq!(scene.shapes[2].emission, Some(Input::Constant(Vec3::ONE)));
 }

@@ -5,7 +5,7 @@ use std::path::{Path, PathBuf};
 use std::time::{Duration, Instant};
 
 use helmholtz::scene::Geometry;
-use helmholtz::scene::load::{LoadError, LoadOptions, Loaded, Position, load};
+use helmholtz::scene::load::{LoadError, LoadOptions, Loaded, Position, load, load_image};
 use proptest::prelude::*;
 
 const FOLDER: &str = concat!(env!("CARGO_MANIFEST_DIR"), "/../shared/testdata/malformed");
@@ -124,14 +124,16 @@ const VALID: &[(&str, usize, usize)] = &[
     ("ply-trimesh/tet.ply", 1, 4),
 ];
 
-/// All files below a folder with one of the extensions, in order.
+/// All files below a folder, with one of the extensions unless there are none, in order.
 fn files(folder: &Path, extensions: &[&str], found: &mut Vec<PathBuf>) {
     let mut entries: Vec<_> = std::fs::read_dir(folder).unwrap().map(|e| e.unwrap().path()).collect();
     entries.sort();
     for path in entries {
         if path.is_dir() {
             files(&path, extensions, found);
-        } else if path.extension().is_some_and(|e| extensions.iter().any(|x| e == *x)) {
+        } else if extensions.is_empty()
+            || path.extension().is_some_and(|e| extensions.iter().any(|x| e == *x))
+        {
             found.push(path);
         }
     }
@@ -148,7 +150,7 @@ fn load_soon(path: &Path) -> Result<Loaded, LoadError> {
 fn triangles(loaded: &Loaded) -> usize {
     let count = |g: &Geometry| match g {
         Geometry::Mesh(mesh) => mesh.triangles().len(),
-        Geometry::Analytic(_) => 0,
+        Geometry::Analytic(_) | Geometry::Instance(_) => 0,
     };
     loaded.scene.shapes.iter().map(|s| count(&s.geometry)).sum()
 }
@@ -199,6 +201,79 @@ fn fuzzed_material_libraries_are_at_most_warnings() {
         let text = format!("mtllib {}\nusemtl a\nv 0 0 0\nv 1 0 0\nv 0 1 0\nf 1 2 3\n", library.display());
         std::fs::write(&obj, text).unwrap();
         assert_eq!(triangles(&load_soon(&obj).unwrap()), 1, "{}", library.display());
+    }
+}
+
+/// What [`hostile_files_need_little_memory`] runs in a process of its own.
+#[test]
+#[ignore = "a part of hostile_files_need_little_memory"]
+fn load_all_hostile_files() {
+    let mut all = Vec::new();
+    files(Path::new(FOLDER), &[], &mut all);
+    assert!(all.len() > 650, "{}", all.len());
+    for path in all {
+        eprintln!("{}", path.display());
+        let start = Instant::now();
+        if ["obj", "ply", "xml"].iter().any(|e| path.extension().is_some_and(|x| x == *e)) {
+            let _ = load(&path, &LoadOptions::default());
+        } else {
+            let _ = load_image(&path);
+        }
+        assert!(start.elapsed() < Duration::from_secs(5), "took {:?}", start.elapsed());
+    }
+}
+
+/// All third-party files, one after the other, by a process that may use 256 MiB beyond what it has before the first.
+#[test]
+#[cfg(target_os = "linux")]
+fn hostile_files_need_little_memory() {
+    if !present() {
+        return;
+    }
+    // The program and its libraries, threads and their stacks: address space, of which little is used.
+    let own = 256 << 10;
+    let script = format!("ulimit -v {}; exec \"$0\" \"$@\"", own + (256 << 10));
+    let program = std::env::current_exe().expect("this program");
+    let output = std::process::Command::new("sh")
+        .args(["-c", &script])
+        .arg(program)
+        .args(["--exact", "malformed::load_all_hostile_files", "--ignored", "--nocapture"])
+        .envs([("RAYON_NUM_THREADS", "1"), ("MALLOC_ARENA_MAX", "1")])
+        .output()
+        .expect("a shell");
+    let text = String::from_utf8_lossy(&output.stderr);
+    // Of the file at which it ended, the name is the last line but what was said about it.
+    let last: Vec<_> = text.lines().rev().take(5).collect();
+    assert!(output.status.success(), "{} after: {last:#?}", output.status);
+    assert!(text.lines().count() > 650, "files were left out");
+}
+
+/// Inputs on which a loader once failed, found by the targets in `fuzz/`.
+#[test]
+fn findings_of_fuzzing_stay_mended() {
+    let mut all = Vec::new();
+    files(Path::new(concat!(env!("CARGO_MANIFEST_DIR"), "/tests/data/regressions")), &[], &mut all);
+    for path in all {
+        let start = Instant::now();
+        let bytes = std::fs::read(&path).expect("a file of the project");
+        match path.extension().and_then(|e| e.to_str()) {
+            // As the fuzz target reads them: after a byte 0 comes the library.
+            Some("obj") => {
+                let folder = tempfile::tempdir().expect("a folder");
+                let mut parts = bytes.splitn(2, |&b| b == 0);
+                let obj = folder.path().join("a.obj");
+                std::fs::write(&obj, parts.next().unwrap_or_default()).expect("written");
+                std::fs::write(folder.path().join("a.mtl"), parts.next().unwrap_or_default())
+                    .expect("written");
+                let _ = load(&obj, &LoadOptions::default());
+            }
+            Some("ply" | "xml") => {
+                drop(load(&path, &LoadOptions { lenient: true, ..LoadOptions::default() }))
+            }
+            Some("serialized") => drop(crate::serialized::load_file(&bytes, "")),
+            _ => drop(load_image(&path)),
+        }
+        assert!(start.elapsed() < Duration::from_secs(5), "{} took {:?}", path.display(), start.elapsed());
     }
 }
 

@@ -5,6 +5,8 @@
 //! freedom), so that 10 000 comparisons raise a false alarm with a chance below 1e-3. Blocks cannot see a bias that is everywhere
 //! the same and small; the mean over the image can: it may differ by 6 errors, chance 2.4e-5 a scene.
 //!
+//! A scene below `tests/scenes/same` is that of the same name in words or files that Mitsuba 3 does not read, and is compared with its image.
+//!
 //! Needs Mitsuba in `.venv`, as `.ci/run` installs it; without it the test says that it is skipped.
 
 use std::fs;
@@ -99,12 +101,16 @@ fn scenes_agree_with_mitsuba() {
     for path in &scenes {
         let stem = path.file_stem().and_then(|s| s.to_str()).expect("a name");
         let (reference, width) = reference(stem, &out);
-        let scene = load(path, &LoadOptions::default()).unwrap_or_else(|error| panic!("{error}")).scene;
-        let case = Case { name: stem, scene: &scene, reference: &reference, width };
-        // All scenes are compared before the test fails.
-        let run = std::panic::AssertUnwindSafe(|| on_each_backend(&scene.shapes, &case));
-        if std::panic::catch_unwind(run).is_err() {
-            failures.push(stem.to_owned());
+        // Below `same`: the same scene in words or files that Mitsuba 3 does not read.
+        let same = path.with_file_name("same").join(format!("{stem}.xml"));
+        for path in [Some(path), Some(&same).filter(|p| p.exists())].into_iter().flatten() {
+            let scene = load(path, &LoadOptions::default()).unwrap_or_else(|error| panic!("{error}")).scene;
+            let case = Case { name: stem, scene: &scene, reference: &reference, width };
+            // All scenes are compared before the test fails.
+            let run = std::panic::AssertUnwindSafe(|| on_each_backend(&scene.shapes, &case));
+            if std::panic::catch_unwind(run).is_err() {
+                failures.push(path.display().to_string());
+            }
         }
     }
     assert!(failures.is_empty(), "these differ from Mitsuba: {}", failures.join(", "));

@@ -38,7 +38,8 @@ def render(path, spp, runs, out):
 
     images = []
     for seed in range(1, runs + 1):
-        image = np.array(mitsuba.render(scene, spp=spp, seed=seed), dtype=np.float64)
+        # `moment` and `aov` append channels of their own.
+        image = np.array(mitsuba.render(scene, spp=spp, seed=seed), dtype=np.float64)[:, :, :3]
         if image.shape != (height, width, 3):
             raise ValueError(f"image of shape {image.shape} instead of {(height, width, 3)}: the film's pixel_format must be rgb")
         if not np.isfinite(image).all():

@@ -20,22 +20,17 @@ use helmholtz::transport::World;
 use crate::backends::{BackendTest, on_each_backend};
 use crate::statistics::{erfc, sidak};
 
-/// Folder, scene, reference; and, for those that are not supported yet, a part of the error.
-const SCENES: &[(&str, &str, &str, Option<&str>)] = &[
-    ("bsdf_spheres", "test_arealight_path", "test_arealight", None),
-    ("bsdf_spheres", "test_constant_path", "test_constant", None),
-    ("bsdf_spheres", "test_roughdielectric_path", "test_roughdielectric", None),
-    ("bsdf_spheres", "test_roughplastic_linear_path", "test_roughplastic_linear", None),
-    ("bsdf_spheres", "test_textured_diffuse_path", "test_textured_diffuse", None),
-    ("floating_sphere", "test_directional_direct", "test_directional", None),
-    ("instancing", "test_instancing_path", "test_instancing", None),
-    (
-        "mesh_attributes",
-        "test_mesh_attributes_3_vertex_direct",
-        "test_mesh_attributes_3_vertex",
-        Some("texture `mesh_attribute`"),
-    ),
-    ("orthographic_sensor", "test_orthographic_path", "test_orthographic", None),
+/// Folder, scene, reference.
+const SCENES: &[(&str, &str, &str)] = &[
+    ("bsdf_spheres", "test_arealight_path", "test_arealight"),
+    ("bsdf_spheres", "test_constant_path", "test_constant"),
+    ("bsdf_spheres", "test_roughdielectric_path", "test_roughdielectric"),
+    ("bsdf_spheres", "test_roughplastic_linear_path", "test_roughplastic_linear"),
+    ("bsdf_spheres", "test_textured_diffuse_path", "test_textured_diffuse"),
+    ("floating_sphere", "test_directional_direct", "test_directional"),
+    ("instancing", "test_instancing_path", "test_instancing"),
+    ("mesh_attributes", "test_mesh_attributes_3_vertex_direct", "test_mesh_attributes_3_vertex"),
+    ("orthographic_sensor", "test_orthographic_path", "test_orthographic"),
 ];
 
 const SPP: u32 = 128;
@@ -124,13 +119,8 @@ fn mitsubas_suite_is_rendered_as_its_references() {
         return;
     }
     let mut failures = Vec::new();
-    for (folder, scene, reference, unsupported) in SCENES {
+    for (folder, scene, reference) in SCENES {
         let found = load(&root.join(folder).join(format!("{scene}.xml")), &LoadOptions::default());
-        if let Some(words) = unsupported {
-            let error = found.expect_err("not supported yet").to_string();
-            assert!(error.contains(words), "{error}");
-            continue;
-        }
         let loaded = found.unwrap_or_else(|error| panic!("{error}")).scene;
         let refs = root.join(folder).join("refs");
         let image = channels(&refs.join(format!("{reference}_ref_rgb.exr")));

@@ -48,7 +48,7 @@ macro_rules! suite {
 pub(crate) use suite;
 
 /// Scale and offset of a scene of unit size.
-const PLACES: [(f64, DVec3); 6] = [
+pub(crate) const PLACES: [(f64, DVec3); 6] = [
     (1.0, DVec3::ZERO),
     (1e-6, DVec3::ZERO),
     (1e6, DVec3::ZERO),
@@ -59,22 +59,21 @@ const PLACES: [(f64, DVec3); 6] = [
 ];
 
 /// A ray in the place of one in a scene of unit size.
-fn ray_in((scale, offset): (f64, DVec3), o: DVec3, d: DVec3) -> Ray {
+pub(crate) fn ray_in((scale, offset): (f64, DVec3), o: DVec3, d: DVec3) -> Ray {
     Ray::new((o * scale + offset).as_vec3(), d.normalize().as_vec3())
 }
 
 /// What the reference says of one triangle.
-struct Reference {
-    t: f64,
+pub(crate) struct Reference {
+    pub(crate) t: f64,
     /// Least barycentric coordinate: positive inside, negative outside.
-    inside: f64,
+    pub(crate) inside: f64,
     /// |cosine| between ray and normal.
-    cosine: f64,
+    pub(crate) cosine: f64,
 }
 
-fn reference(ray: &Ray, corners: [Vec3; 3]) -> Option<Reference> {
+pub(crate) fn reference(ray: &Ray, [a, b, c]: [DVec3; 3]) -> Option<Reference> {
     let (o, d) = (ray.o.as_dvec3(), ray.d.as_dvec3());
-    let [a, b, c] = corners.map(Vec3::as_dvec3);
     let (e1, e2) = (b - a, c - a);
     let h = d.cross(e2);
     let det = e1.dot(h);
@@ -85,13 +84,13 @@ fn reference(ray: &Ray, corners: [Vec3; 3]) -> Option<Reference> {
     (det != 0.0).then(|| Reference { t, inside: u.min(v).min(1.0 - u - v), cosine })
 }
 
-fn corners(shapes: &[Shape], shape: u32, primitive: u32) -> [Vec3; 3] {
+fn corners(shapes: &[Shape], shape: u32, primitive: u32) -> [DVec3; 3] {
     let Geometry::Mesh(mesh) = &shapes[shape as usize].geometry else { panic!("shape {shape} is no mesh") };
-    mesh.corners(primitive)
+    mesh.corners(primitive).map(Vec3::as_dvec3)
 }
 
 /// Random triangles in two meshes: most of them small, some slivers.
-fn soup(rng: &mut Rng, place: (f64, DVec3)) -> Vec<Shape> {
+pub(crate) fn soup(rng: &mut Rng, place: (f64, DVec3)) -> Vec<Shape> {
     let mut positions = Vec::new();
     for i in 0..400 {
         let center = rng.cube();
@@ -132,7 +131,7 @@ fn check_against_brute_force(shapes: &[Shape], ray: &Ray, hit: Option<Hit>, scal
     let corners = corners(shapes, hit.shape, hit.primitive);
     let r = reference(ray, corners).expect("a hit triangle is not edge-on");
     assert!(r.inside > -0.01 && (r.t - t).abs() <= tolerance(&r), "{hit:?} should be at {}: {ray:?}", r.t);
-    let [a, b, c] = corners.map(Vec3::as_dvec3);
+    let [a, b, c] = corners;
     let on_triangle = a + (b - a) * f64::from(hit.u) + (c - a) * f64::from(hit.v);
     let on_ray = ray.o.as_dvec3() + ray.d.as_dvec3() * t;
     assert!((on_triangle - on_ray).length() <= tolerance(&r), "u and v of {hit:?} are off: {ray:?}");

@@ -2,10 +2,11 @@
 
 use std::sync::Arc;
 
-use glam::{DAffine3, DVec2, DVec3, UVec2, UVec3, Vec3};
+use glam::{Affine2, DAffine3, DVec2, DVec3, UVec2, UVec3, Vec2, Vec3};
 use helmholtz::scene::{
-    AnalyticShape, Camera, Emitter, FilmSettings, Filter, FovAxis, Geometry, Image, IntegratorSettings, Lens,
-    Material, MaterialId, PixelRect, Rgb, Scene, Shape, Texels, TriangleMesh,
+    AnalyticShape, Camera, Emitter, FilmSettings, Filter, FovAxis, Geometry, Image, Input,
+    IntegratorSettings, Lens, Material, MaterialId, PixelRect, Rgb, Scene, Shape, Spot, Texels, Texture,
+    TextureId, TriangleMesh,
 };
 
 /// A scene of 8x8 pixels without shapes, seen from the origin along +z.
@@ -46,7 +47,7 @@ impl Build for Scene {
         let id = MaterialId(self.materials.len() as u32);
         self.materials.push(material);
         let name = format!("shape{}", self.shapes.len());
-        self.shapes.push(Shape { name, geometry, material: id, emission });
+        self.shapes.push(Shape { name, geometry, material: id, emission: emission.map(Into::into) });
         self
     }
 
@@ -54,6 +55,17 @@ impl Build for Scene {
         self.emitters.push(emitter);
         self
     }
+}
+
+/// The scene with the emission of its first shape in small squares of two colours.
+pub(crate) fn checkered(mut scene: Scene) -> Scene {
+    scene.textures.push(Texture::Checkerboard {
+        color0: Rgb::new(1.0, 6.0, 3.0).into(),
+        color1: Rgb::new(2.0, 0.5, 1.0).into(),
+        to_uv: Affine2::from_scale(Vec2::new(2.3, 1.7)),
+    });
+    scene.shapes[0].emission = Some(Input::Texture(TextureId(0)));
+    scene
 }
 
 pub(crate) fn diffuse(albedo: f32) -> Material {
@@ -88,7 +100,7 @@ pub(crate) fn mesh(positions: Vec<Vec3>, triangles: &[UVec3]) -> Geometry {
     )
 }
 
-/// Everything in a scene, the camera included, times a factor. Radiance stays; a point light's intensity grows by the square.
+/// Everything in a scene, the camera included, times a factor. Radiance stays; a point or spot light's intensity grows by the square.
 pub(crate) fn scaled(mut scene: Scene, scale: f64) -> Scene {
     for shape in &mut scene.shapes {
         shape.geometry = match &shape.geometry {
@@ -105,10 +117,13 @@ pub(crate) fn scaled(mut scene: Scene, scale: f64) -> Scene {
                 let analytic = AnalyticShape::new(analytic.kind(), to_world, analytic.flip_normals());
                 Geometry::Analytic(analytic.expect("a proper shape"))
             }
+            Geometry::Instance(_) => unimplemented!("no test scales instances"),
         };
     }
     for emitter in &mut scene.emitters {
-        if let Emitter::Point { position, intensity } = emitter {
+        if let Emitter::Point { position, intensity } | Emitter::Spot(Spot { position, intensity, .. }) =
+            emitter
+        {
             *position *= scale as f32;
             *intensity *= (scale * scale) as f32;
         }

@@ -5,9 +5,10 @@ use std::fmt::Write as _;
 use glam::{UVec2, Vec2, Vec3};
 
 use crate::film::SampledArea;
+use crate::integrators::photon_map::TooManyPhotons;
 use crate::integrators::{Pass, PathObserver, Scratch, Strategy, Unobserved};
 use crate::query::{Ray, RayQuery};
-use crate::render::{Target, sample_pixel, trace_light_path};
+use crate::render::{Target, light_path_count, sample_pixel, trace_light_path};
 use crate::scene::Rgb;
 use crate::transport::World;
 use crate::transport::bsdf::TransportMode;
@@ -21,18 +22,18 @@ pub(super) fn describe<Q: RayQuery>(
     area: SampledArea,
     pixel: UVec2,
     passes: std::ops::Range<u32>,
-) -> String {
+) -> Result<String, TooManyPhotons> {
     let mut text = String::new();
     let pixel = pixel.as_ivec2();
     for index in passes {
-        let pass = Pass::new(world, query, target.integrator, target.seed, index, area);
+        let pass = Pass::new(world, query, target.integrator, target.seed, index, area)?;
         let mut scratch = Scratch::default();
         let mut printer = Printer { world, text: format!("pixel {},{} pass {index}\n", pixel.x, pixel.y) };
         let sample = sample_pixel(&pass, target.integrator, pixel, &mut scratch, &mut printer);
         text += &printer.text;
         let _ =
             writeln!(text, "  = {} at {:?} of the pixel\n", show(sample.radiance), sample.jitter.to_array());
-        for slot in 0..pass.light_paths() {
+        for slot in 0..light_path_count(&pass, target.integrator) {
             scratch.splats.clear();
             trace_light_path(&pass, target.integrator, slot, &mut scratch, &mut Unobserved);
             if scratch.splats.iter().any(|splat| splat.position.floor().as_ivec2() == pixel) {
@@ -43,7 +44,7 @@ pub(super) fn describe<Q: RayQuery>(
             }
         }
     }
-    text
+    Ok(text)
 }
 
 struct Printer<'w, 's> {
@@ -80,12 +81,17 @@ impl PathObserver for Printer<'_, '_> {
             Some(vertex) => {
                 let point = &vertex.point;
                 let shape = &self.world.scene.shapes[point.shape as usize];
+                let (part, primitive) = shape.part(point.primitive);
+                let of_group = if std::ptr::eq(part, shape) {
+                    String::new()
+                } else {
+                    format!(" with `{}` in it", part.name)
+                };
                 writeln!(
                     self.text,
-                    "     hits `{}` (shape {}, primitive {}) at {} after t {}\n     ng {} ns {} p_err {:e}\n     {:?}",
+                    "     hits `{}`{of_group} (shape {}, primitive {primitive}) at {} after t {}\n     ng {} ns {} p_err {:e}\n     {:?}",
                     shape.name,
                     point.shape,
-                    point.primitive,
                     show(point.p),
                     point.p.distance(ray.o),
                     show(point.ng),

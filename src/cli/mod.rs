@@ -1,6 +1,7 @@
 //! The command line: one file per subcommand. All printing to people happens here.
 
 mod debug_pixel;
+mod diff;
 mod merge;
 mod output;
 mod parse;
@@ -15,6 +16,8 @@ use clap::{Parser, Subcommand};
 pub const EXIT_DONE: u8 = 0;
 /// Exit code for an error: a scene that does not load, a file that cannot be written. A message says which.
 pub const EXIT_ERROR: u8 = 1;
+/// Exit code of a comparison for images that differ by more than they may.
+pub const EXIT_DIFFERENT: u8 = 3;
 /// Exit code for a render that was interrupted by Ctrl-C and saved what it had.
 pub const EXIT_INTERRUPTED: u8 = 130;
 
@@ -22,7 +25,7 @@ pub const EXIT_INTERRUPTED: u8 = 130;
 ///
 /// Reads Mitsuba scenes (.xml) and plain meshes (.obj, .ply); writes OpenEXR and PNG.
 ///
-/// Exit codes: 0 done; 1 error; 2 wrong usage; 130 interrupted by Ctrl-C after saving.
+/// Exit codes: 0 done; 1 error; 2 wrong usage; 3 images differ by more than asked for; 130 interrupted by Ctrl-C after saving.
 #[derive(Debug, Parser)]
 #[command(version, max_term_width = 100)]
 pub struct Cli {
@@ -34,6 +37,7 @@ pub struct Cli {
 enum Command {
     Render(Box<render::RenderArgs>),
     Merge(merge::MergeArgs),
+    Diff(diff::DiffArgs),
 }
 
 /// Runs a parsed command line and says how it went. Errors are printed to standard error.
@@ -41,6 +45,7 @@ pub fn run(cli: Cli) -> ExitCode {
     let result = match cli.command {
         Command::Render(args) => render::run(&args),
         Command::Merge(args) => merge::run(&args),
+        Command::Diff(args) => diff::run(&args),
     };
     match result {
         Ok(code) => ExitCode::from(code),

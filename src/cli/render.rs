@@ -18,9 +18,10 @@ use super::{CliError, EXIT_DONE, EXIT_INTERRUPTED, debug_pixel};
 use crate::film::state::{RenderIdentity, load_state, save_state};
 use crate::film::{Aov, AovSet, Film, output};
 use crate::integrators::photon_map::Lookup;
+use crate::integrators::photon_map::store::{PhotonReader, PhotonStore, PhotonWriter};
 use crate::integrators::{Integrator, IntegratorError};
 use crate::query::{Backend, RayQuery};
-use crate::render::{Control, Progress, Stop, Target, render};
+use crate::render::{Control, Progress, Stop, Target, render_with_store};
 use crate::scene::load::{LoadOptions, Loaded, load};
 use crate::scene::{IntegratorSettings, PixelRect, Scene};
 use crate::strategies::{self, StrategyImages};
@@ -84,7 +85,7 @@ pub(super) struct RenderArgs {
     /// Algorithm instead of the scene's: path, paths from the camera (max_depth, rr_depth, hide_emitters); ptracer, paths from the lights
     /// (max_depth, rr_depth, connect=nee|hit|both); bdpt, both and their connections (max_depth, rr_depth, exponent=1|2); photonmapper, photons from
     /// the lights gathered around what the camera sees (max_depth, rr_depth, photons, lookup=knn|radius, k, radius, filter=constant|cone|gaussian,
-    /// direct=photons|nee, mode=full|caustic, final_gather); sppm, the same with a radius that shrinks from pass to pass (alpha, and no lookup or k); vpl,
+    /// direct=photons|nee, mode=full|caustic, final_gather, show=radiance|photons); sppm, the same with a radius that shrinks from pass to pass (alpha, and no lookup or k); vpl,
     /// virtual point lights left by paths from the lights (max_depth, rr_depth, count, visibility=none|rays|shadowmap, resolution, bias, clamp, compensate=true|false,
     /// direct=nee|vpl, samples=all|N)
     #[arg(long, value_name = "NAME:KEY=VALUE,...", value_parser = parse::spec)]
@@ -104,6 +105,12 @@ pub(super) struct RenderArgs {
     /// Save a state file at the end, to be resumed or merged
     #[arg(long, value_name = "FILE")]
     save_state: Option<PathBuf>,
+    /// Write the photons of all passes that are rendered to a file, 32 bytes each and some more for their tree
+    #[arg(long, value_name = "FILE", conflicts_with_all = ["strategies", "debug_pixel"])]
+    save_photons: Option<PathBuf>,
+    /// Take photons from such a file instead of tracing them; radius, lookup, filter, film and backend may be others than those that they were saved with
+    #[arg(long, value_name = "FILE", conflicts_with_all = ["save_photons", "strategies", "debug_pixel"])]
+    load_photons: Option<PathBuf>,
     /// Print the paths of a pixel, vertex by vertex, instead of rendering; --passes says which (pass 0 by default)
     #[arg(long, value_name = "X,Y", value_parser = parse::pixel)]
     debug_pixel: Option<UVec2>,
@@ -244,12 +251,17 @@ impl Job<'_> {
         let identity = self.identity()?;
         let mut film = self.film(&world, &identity)?;
         let interrupted = stop_on_ctrl_c()?;
-        let progress = self.render(&world, query, &mut film, &interrupted)?;
+        let mut store = self.photon_store(&identity)?;
+        let progress = self.render(&world, query, &mut film, &mut store, &interrupted)?;
         let report = Report { job: &self, film: &film, progress, build_time, backend: query.name() };
 
         report.print_dropped();
         self.say(&report.photon_warnings());
         self.say(&self.outputs.write(&film, &report.metadata())?);
+        if let (PhotonStore::Saved(file), Some(path)) = (store, &self.args.save_photons) {
+            let passes = file.finish()?;
+            self.say(&[format!("wrote {}: the photons of {passes} passes", path.display())]);
+        }
         let was_interrupted = interrupted.load(Ordering::Relaxed);
         if let Some(path) = self.state_path(was_interrupted) {
             save_state(&path, &identity, &film)?;
@@ -268,7 +280,7 @@ impl Job<'_> {
         }
         let passes = self.args.passes.clone().unwrap_or(0..1);
         let area = Film::new(&self.scene.film, AovSet::default(), 1.0)?.sampled_area();
-        print!("{}", debug_pixel::describe(world, query, &self.target, area, pixel, passes));
+        print!("{}", debug_pixel::describe(world, query, &self.target, area, pixel, passes)?);
         Ok(EXIT_DONE)
     }
 
@@ -329,6 +341,30 @@ impl Job<'_> {
         })
     }
 
+    /// Where photons come from and go to, by --save-photons and --load-photons.
+    fn photon_store(&self, identity: &RenderIdentity) -> Result<PhotonStore, CliError> {
+        let Some(path) = self.args.save_photons.as_ref().or(self.args.load_photons.as_ref()) else {
+            return Ok(PhotonStore::Traced);
+        };
+        let Integrator::PhotonMap(mapper) = self.target.integrator else {
+            return Err("--save-photons and --load-photons go with photonmapper or sppm".into());
+        };
+        let photons = RenderIdentity { integrator: mapper.describe_photons(), ..identity.clone() };
+        if self.args.save_photons.is_some() {
+            return Ok(PhotonStore::Saved(Box::new(PhotonWriter::create(path, &photons)?)));
+        }
+        let file = PhotonReader::open(path, &photons)?;
+        file.check(self.passes(Some(&file)))?;
+        Ok(PhotonStore::Loaded(Box::new(file)))
+    }
+
+    /// The passes to render. A render whose end is a time also ends with its photons.
+    fn passes(&self, photons: Option<&PhotonReader>) -> Range<u32> {
+        let range = self.args.pass_range(self.scene);
+        let end = photons.map_or(u32::MAX, |file| file.passes().end);
+        if range.end == u32::MAX { range.start..end } else { range }
+    }
+
     /// An empty film, or the one to be resumed.
     fn film(&self, world: &World, identity: &RenderIdentity) -> Result<Film, CliError> {
         let aovs: AovSet = self.args.aov.iter().copied().collect();
@@ -347,12 +383,14 @@ impl Job<'_> {
         world: &World,
         query: &Q,
         film: &mut Film,
+        store: &mut PhotonStore,
         interrupted: &AtomicBool,
     ) -> Result<Progress, CliError> {
-        let stop = Stop { passes: self.args.pass_range(self.scene), time: self.args.time };
+        let photons = if let PhotonStore::Loaded(file) = &*store { Some(&**file) } else { None };
+        let stop = Stop { passes: self.passes(photons), time: self.args.time };
         let count = (stop.passes.end != u32::MAX).then_some(stop.passes.len() as u64);
         let bar = Bar::new(count, stop.time, self.args.quiet);
-        let progress = render(world, query, &self.target, film, &stop, |progress| {
+        let progress = render_with_store(world, query, &self.target, film, &stop, store, |progress| {
             bar.update(progress, count.is_some());
             if interrupted.load(Ordering::Relaxed) { Control::Stop } else { Control::Continue }
         })?;

@@ -37,13 +37,9 @@ impl Quantum {
     /// greatest or least value, which [`ExactSum`] takes for infinite.
     #[inline]
     pub fn round(self, x: f64) -> i128 {
-        // Of numbers below 2^52 adding and subtracting it leaves an integer, rounded to nearest, ties to even; greater ones are integers.
-        const ROUNDER: f64 = 4_503_599_627_370_496.0;
         let y = x * self.per_unit();
-        let magnitude = y.abs();
-        if magnitude < ExactSum::SMALL {
-            let rounded = if magnitude < ROUNDER { (magnitude + ROUNDER) - ROUNDER } else { magnitude };
-            return i128::from(rounded.copysign(y) as i64);
+        if y.abs() < ExactSum::SMALL {
+            return i128::from(y.round_ties_even() as i64);
         }
         self.round_large(x)
     }
@@ -114,20 +110,24 @@ impl ExactSum {
         self.overflow(quanta)
     }
 
-    /// Bound for [`add_small`](Self::add_small).
-    pub(super) const SMALL: f64 = 4e18;
+    /// Quanta that an `i64` holds.
+    const SMALL: f64 = 4e18;
 
-    /// Adds a number of quanta below [`SMALL`](Self::SMALL) in magnitude, rounded towards zero. Whether the sum became infinite by it.
+    /// Adds a number, [rounded](Quantum::round) to quanta. Whether the sum became infinite by it.
     #[inline]
     #[must_use]
-    pub(super) fn add_small(&mut self, quanta: f64) -> bool {
-        let quanta = i128::from(quanta as i64);
-        let sum = self.0.wrapping_add(quanta);
-        if in_range(sum) {
-            self.0 = sum;
-            return false;
+    pub fn add_f64(&mut self, x: f64, quantum: Quantum) -> bool {
+        let y = x * quantum.per_unit();
+        if y.abs() < Self::SMALL {
+            // Nearly always; as in `round`, but without the checks that only large numbers need.
+            let quanta = i128::from(y.round_ties_even() as i64);
+            let sum = self.0.wrapping_add(quanta);
+            if in_range(sum) {
+                self.0 = sum;
+                return false;
+            }
         }
-        self.overflow(quanta)
+        self.add(quantum.round(x))
     }
 
     /// Makes the sum infinite unless it is already.

@@ -5,7 +5,7 @@ use super::exact::{ExactSum, Quantum, power_of_two};
 use super::reconstruct::Weighted;
 
 /// Fixed point of what does not scale with the scene's radiance: filter weights, AOVs.
-pub(super) const WEIGHT: Quantum = Quantum::from_log2(-64);
+pub(super) const WEIGHT: Quantum = Quantum::from_log2(-60);
 
 /// Fixed point of counts.
 pub(super) const COUNT: Quantum = Quantum::from_log2(0);
@@ -80,11 +80,10 @@ impl Layout {
     pub(super) fn add(&self, sums: &mut [ExactSum], pass: Weighted, scale: Scale) -> u64 {
         let mut overflows = 0;
         for (sum, &a) in sums.iter_mut().zip(&pass[..3]) {
-            overflows += u64::from(sum.add(scale.radiance().round(a)));
+            overflows += u64::from(sum.add_f64(f64::from(a), scale.radiance()));
         }
-        let b = pass[3];
         if let Some(weight) = self.weight {
-            overflows += u64::from(sums[weight].add(WEIGHT.round(b)));
+            overflows += u64::from(sums[weight].add_f64(f64::from(pass[3]), WEIGHT));
         }
         if let Some(moments) = self.moments {
             self.add_moments(&mut sums[moments..], pass, scale);
@@ -94,15 +93,15 @@ impl Layout {
 
     /// Overflow here is not an event of its own: it makes the variance infinite.
     fn add_moments(&self, moments: &mut [ExactSum], pass: Weighted, scale: Scale) {
-        let b = pass[3];
-        for (channel, &a) in pass[..3].iter().enumerate() {
-            let _ = moments[channel].add(scale.squared().round(a * a));
+        let [r, g, b, f] = pass.map(f64::from);
+        for (channel, a) in [r, g, b].into_iter().enumerate() {
+            let _ = moments[channel].add_f64(a * a, scale.squared());
             if self.weight.is_some() {
-                let _ = moments[3 + channel].add(scale.radiance().round(a * b));
+                let _ = moments[3 + channel].add_f64(a * f, scale.radiance());
             }
         }
         if self.weight.is_some() {
-            let _ = moments[6].add(WEIGHT.round(b * b));
+            let _ = moments[6].add_f64(f * f, WEIGHT);
         }
     }
 
@@ -128,7 +127,7 @@ impl Layout {
         }
         outcome.overflows += u64::from(sums[hits].add(1));
         for (sum, &i) in sums[hits + 1..].iter_mut().zip(&self.averaged) {
-            outcome.overflows += u64::from(sum.add(WEIGHT.round(f64::from(values[i]))));
+            outcome.overflows += u64::from(sum.add_f64(f64::from(values[i]), WEIGHT));
         }
         outcome
     }

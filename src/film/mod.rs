@@ -17,6 +17,7 @@
 //! transfer function of PNG.
 
 pub mod aov;
+pub(crate) mod checked;
 mod dropped;
 pub mod exact;
 pub mod filter;
@@ -109,7 +110,7 @@ impl Film {
     /// An empty film.
     ///
     /// `radiance_unit` is a radiance that is typical of the scene, within some orders of magnitude: sums are multiples
-    /// of 2^-64 of it and hold up to 2^63 times it. Only its binary exponent matters. A value that is not positive,
+    /// of 2^-64 of it and hold up to 2^62 times it. Only its binary exponent matters. A value that is not positive,
     /// normal and finite (a scene without light) is taken for 1.
     ///
     /// # Errors

@@ -33,33 +33,66 @@ pub fn write_atomically(
 }
 
 fn replace(path: &Path, write: impl FnOnce(&mut BufWriter<&File>) -> io::Result<()>) -> io::Result<()> {
-    let target = match path.canonicalize() {
-        Ok(target) if target.is_file() => target,
-        Ok(_) => return Err(io::Error::new(io::ErrorKind::InvalidInput, "not a regular file")),
-        Err(_) => path.to_owned(),
-    };
-    let directory = match target.parent() {
-        Some(parent) if !parent.as_os_str().is_empty() => parent,
-        _ => Path::new("."),
-    };
-    let mut builder = tempfile::Builder::new();
-    builder.prefix(".helmholtz-");
-    #[cfg(unix)]
-    {
-        // Temporary files are private by default; this one is to become an ordinary file, subject to the umask.
-        use std::os::unix::fs::PermissionsExt;
-        builder.permissions(std::fs::Permissions::from_mode(0o666));
-    }
-    let temporary = builder.tempfile_in(directory)?;
-    let mut writer = BufWriter::with_capacity(1 << 16, temporary.as_file());
+    let file = AtomicFile::create(path)?;
+    let mut writer = BufWriter::with_capacity(1 << 16, file.temporary.as_file());
     write(&mut writer)?;
     writer.flush()?;
     drop(writer);
-    temporary.as_file().sync_all()?;
-    temporary.persist(&target)?;
-    // The rename itself is made durable where directories can be synchronised; elsewhere there is nothing to do.
-    let _ = File::open(directory).and_then(|d| d.sync_all());
-    Ok(())
+    file.commit()
+}
+
+/// A file in the making, for what is written bit by bit; see [`write_atomically`]. Nothing is left of it unless it is committed.
+#[derive(Debug)]
+pub(crate) struct AtomicFile {
+    temporary: tempfile::NamedTempFile,
+    target: PathBuf,
+}
+
+impl AtomicFile {
+    /// A temporary file beside what it is to replace.
+    pub(crate) fn create(path: &Path) -> io::Result<Self> {
+        let target = match path.canonicalize() {
+            Ok(target) if target.is_file() => target,
+            Ok(_) => return Err(io::Error::new(io::ErrorKind::InvalidInput, "not a regular file")),
+            Err(_) => path.to_owned(),
+        };
+        let mut builder = tempfile::Builder::new();
+        builder.prefix(".helmholtz-");
+        #[cfg(unix)]
+        {
+            // Temporary files are private by default; this one is to become an ordinary file, subject to the umask.
+            use std::os::unix::fs::PermissionsExt;
+            builder.permissions(std::fs::Permissions::from_mode(0o666));
+        }
+        let temporary = builder.tempfile_in(directory(&target))?;
+        Ok(Self { temporary, target })
+    }
+
+    /// Flushes it to the disk and gives it its name.
+    pub(crate) fn commit(self) -> io::Result<()> {
+        self.temporary.as_file().sync_all()?;
+        self.temporary.persist(&self.target)?;
+        // The rename itself is made durable where directories can be synchronised; elsewhere there is nothing to do.
+        let _ = File::open(directory(&self.target)).and_then(|d| d.sync_all());
+        Ok(())
+    }
+}
+
+impl Write for AtomicFile {
+    fn write(&mut self, bytes: &[u8]) -> io::Result<usize> {
+        self.temporary.write(bytes)
+    }
+
+    fn flush(&mut self) -> io::Result<()> {
+        self.temporary.flush()
+    }
+}
+
+fn directory(file: &Path) -> &Path {
+    match file.parent() {
+        Some(parent) if !parent.as_os_str().is_empty() => parent,
+        _ => Path::new("."),
+    }
 }
 
 /// Writes an `OpenEXR` file (one part, ZIP compression), its data window being the crop window on the full film.

@@ -7,6 +7,7 @@
 //! Numbers are little-endian; sums and splats are the 128-bit integers of [`ExactSum`], so nothing is rounded. A file
 //! that was damaged or made up is an error, and never makes the reader allocate more than the file is long.
 
+use super::checked::{Checked, read_array};
 use super::dropped::MAX_EXAMPLES;
 use super::exact::ExactSum;
 use super::layout::Scale;
@@ -20,7 +21,7 @@ use std::io::{self, BufReader, BufWriter, Read, Write};
 use std::path::{Path, PathBuf};
 
 const MAGIC: [u8; 8] = *b"HELMFILM";
-const VERSION: u32 = 1;
+const VERSION: u32 = 2;
 /// Bytes before the header, and of the checksum.
 const PREFIX: u64 = 16;
 const CHECKSUM: u64 = 4;
@@ -183,38 +184,6 @@ impl Header {
     }
 }
 
-/// Passes bytes through and computes their checksum.
-struct Checked<T> {
-    inner: T,
-    checksum: crc32fast::Hasher,
-}
-
-impl<T> Checked<T> {
-    fn new(inner: T) -> Self {
-        Self { inner, checksum: crc32fast::Hasher::new() }
-    }
-}
-
-impl<W: Write> Write for Checked<W> {
-    fn write(&mut self, bytes: &[u8]) -> io::Result<usize> {
-        let n = self.inner.write(bytes)?;
-        self.checksum.update(&bytes[..n]);
-        Ok(n)
-    }
-
-    fn flush(&mut self) -> io::Result<()> {
-        self.inner.flush()
-    }
-}
-
-impl<R: Read> Read for Checked<R> {
-    fn read(&mut self, bytes: &mut [u8]) -> io::Result<usize> {
-        let n = self.inner.read(bytes)?;
-        self.checksum.update(&bytes[..n]);
-        Ok(n)
-    }
-}
-
 /// Saves a film atomically.
 ///
 /// # Errors
@@ -309,10 +278,4 @@ fn read_film(input: &mut impl Read, header: &Header) -> Result<Film, StateErrorK
     film.passes = header.passes.clone();
     film.dropped = header.dropped.clone();
     Ok(film)
-}
-
-fn read_array<const N: usize>(input: &mut impl Read) -> io::Result<[u8; N]> {
-    let mut bytes = [0; N];
-    input.read_exact(&mut bytes)?;
-    Ok(bytes)
 }

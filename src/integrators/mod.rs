@@ -25,7 +25,7 @@ use crate::transport::World;
 use backward::Backward;
 use bidirectional::Bidirectional;
 use forward::{Connect, Forward};
-use photon_map::PhotonMapper;
+use photon_map::{PhotonMapper, Show};
 use vpl::VirtualLights;
 
 /// An integrator with its parameters.
@@ -115,6 +115,11 @@ impl Integrator {
             ),
             _ => None,
         }
+    }
+
+    /// Whether light paths and their splats make the whole image, without samples of pixels.
+    pub fn only_splats(&self) -> bool {
+        matches!(self, Self::Forward(_) | Self::PhotonMap(PhotonMapper { show: Show::Photons, .. }))
     }
 
     /// How long its paths get.

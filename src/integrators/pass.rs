@@ -4,7 +4,7 @@ use glam::{IVec2, Vec2};
 
 use super::Integrator;
 use super::light_path::LightVertex;
-use super::photon_map::{NearestHeap, Photons};
+use super::photon_map::{NearestHeap, PhotonMap, Photons, TooManyPhotons};
 use super::vpl::VplSet;
 use crate::film::{SampledArea, Splat};
 use crate::query::RayQuery;
@@ -37,6 +37,9 @@ const LIGHT_PATHS_PER_STREAM_LOG2: u32 = 16;
 
 impl<'a, 's, Q: RayQuery> Pass<'a, 's, Q> {
     /// A pass, ready for its samples: traces its photons or virtual lights if the integrator needs them, on all threads.
+    ///
+    /// # Errors
+    /// If there are too many photons.
     pub fn new(
         world: &'a World<'s>,
         query: &'a Q,
@@ -44,15 +47,35 @@ impl<'a, 's, Q: RayQuery> Pass<'a, 's, Q> {
         seed: u64,
         index: u32,
         area: SampledArea,
-    ) -> Self {
-        let mut this =
-            Self { world, query, seed, index, area, photons: Photons::none(), vpls: VplSet::default() };
+    ) -> Result<Self, TooManyPhotons> {
+        let mut this = Self::empty(world, query, seed, index, area);
         match integrator {
-            Integrator::PhotonMap(mapper) => this.photons = mapper.photons(&this),
+            Integrator::PhotonMap(mapper) => this.photons = mapper.photons(&this)?,
             Integrator::VirtualLights(vpl) => this.vpls = vpl.lights(&this),
             Integrator::Backward(_) | Integrator::Forward(_) | Integrator::Bidirectional(_) => {}
         }
+        Ok(this)
+    }
+
+    /// A pass, ready for its samples, with photons that were traced before.
+    pub fn with_photons(
+        world: &'a World<'s>,
+        query: &'a Q,
+        integrator: Integrator,
+        seed: u64,
+        index: u32,
+        area: SampledArea,
+        map: PhotonMap,
+    ) -> Self {
+        let mut this = Self::empty(world, query, seed, index, area);
+        if let Integrator::PhotonMap(mapper) = integrator {
+            this.photons = mapper.look_up(&this, map, 0);
+        }
         this
+    }
+
+    fn empty(world: &'a World<'s>, query: &'a Q, seed: u64, index: u32, area: SampledArea) -> Self {
+        Self { world, query, seed, index, area, photons: Photons::none(), vpls: VplSet::default() }
     }
 }
 

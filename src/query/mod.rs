@@ -88,7 +88,8 @@ impl Ray {
 pub struct Hit {
     /// Index of the shape.
     pub shape: u32,
-    /// Index of the triangle in its mesh; 0 for analytic shapes.
+    /// Index of the triangle in its mesh; 0 for analytic shapes. In an instance the primitives of all its parts are counted through, so that
+    /// this names part and triangle; [`Shape::part`] tells them apart.
     pub primitive: u32,
     /// Barycentric coordinate of the triangle's second corner; 0 for analytic shapes.
     pub u: f32,
@@ -110,11 +111,22 @@ impl Hit {
     /// Embree reports 12291 for a triangle that is 600 away (its issues 387 and 423). Barycentrics are not affected. The
     /// distance can only be mended for the hit that was chosen; occlusion and the choice itself stay as they are.
     pub fn distance(&self, shapes: &[Shape], ray: &Ray) -> f32 {
-        let Geometry::Mesh(mesh) = &shapes[self.shape as usize].geometry else { return self.t };
+        let mesh = match &shapes[self.shape as usize].geometry {
+            Geometry::Mesh(mesh) => mesh,
+            Geometry::Analytic(_) => return self.t,
+            Geometry::Instance(instance) => {
+                let (shape, primitive) = instance.group().part(self.primitive);
+                let (o, d) = instance.ray_to_group(ray.o, ray.d);
+                return Self { shape, primitive, ..*self }
+                    .distance(instance.group().shapes(), &Ray { o, d, ..*ray });
+            }
+        };
         let corners = mesh.corners(self.primitive).map(|corner| corner - ray.o);
-        let [a, b, c] = corners.map(|corner| corner.dot(ray.d));
-        let slack =
-            DISTANCE_SLACK * corners.iter().fold(0.0, |far: f32, corner| far.max(corner.abs().max_element()));
+        // Of unit length in the world, but not in the space of a group.
+        let length = ray.d.length();
+        let [a, b, c] = corners.map(|corner| (corner / length).dot(ray.d / length));
+        let farthest = corners.iter().fold(0.0, |far: f32, corner| far.max(corner.abs().max_element()));
+        let slack = DISTANCE_SLACK * farthest / length;
         let (near, far) = (a.min(b).min(c), a.max(b).max(c));
         let outside = self.t < near - slack || self.t > far + slack;
         if outside { self.t.clamp(near, far).clamp(ray.t_min, ray.t_max) } else { self.t }

@@ -4,7 +4,9 @@
 //! and traversal are ours, because its own traversal loses hits: boxes without slack for rounding, directions clamped
 //! at 1.2e-7, entries dropped from a full stack. See `vendor-notes/obvhs.md`.
 
+use std::collections::HashMap;
 use std::ops::{ControlFlow, Range};
+use std::sync::Arc;
 use std::time::Duration;
 
 use glam::{Vec3, Vec3A, Vec4};
@@ -15,7 +17,7 @@ use obvhs::bvh2::{Bvh2, node::Bvh2Node};
 
 use super::triangle::WatertightRay;
 use super::{BuildQuality, Hit, Ray, RayQuery, analytic};
-use crate::scene::{Aabb, Geometry, Shape};
+use crate::scene::{Aabb, Geometry, Group, Shape};
 
 fn parameters(quality: BuildQuality) -> BvhBuildParams {
     match quality {
@@ -42,15 +44,15 @@ const MAX_DEPTH: usize = 32;
 /// All children of the deepest node wait at once, and all but one of each node above.
 const STACK_SIZE: usize = MAX_DEPTH * (WIDTH - 1) + 1;
 
-/// Stands for a triangle's index in a [`Primitive`] that is an analytic shape; meshes have fewer than 2^31 triangles.
-const ANALYTIC: u32 = u32::MAX;
+/// Stands for a triangle's index in a [`Primitive`] that is an analytic shape or an instance; meshes have fewer than 2^31 triangles.
+const NO_TRIANGLE: u32 = u32::MAX;
 
 /// A primitive as traversal meets it: a leaf's primitives lie side by side, with nothing left to look up.
 #[derive(Debug, Clone, Copy)]
 struct Primitive {
     corners: [Vec3; 3],
     shape: u32,
-    /// Index of the triangle in its mesh, or [`ANALYTIC`].
+    /// Index of the triangle in its mesh, or [`NO_TRIANGLE`].
     index: u32,
 }
 
@@ -126,13 +128,17 @@ impl BoxRay {
     }
 }
 
-/// Ray queries over shapes by a tree of bounding boxes.
+/// Ray queries over shapes by a tree of bounding boxes. Instances are primitives of it, and their groups have trees of their own.
 pub struct ObvhsQuery<'s> {
     shapes: &'s [Shape],
     bounds: Aabb,
     root: Child,
     nodes: Vec<Node>,
     primitives: Vec<Primitive>,
+    /// One for each group that has instances here.
+    groups: Vec<Self>,
+    /// For each shape the index in `groups`, where that is an instance; empty if none is.
+    group_of: Vec<u32>,
 }
 
 impl<'s> ObvhsQuery<'s> {
@@ -140,6 +146,7 @@ impl<'s> ObvhsQuery<'s> {
     /// number of threads.
     pub fn new(shapes: &'s [Shape], quality: BuildQuality) -> Self {
         let (unordered, boxes) = collect(shapes);
+        let (groups, group_of) = group_queries(shapes, quality);
         let bounds = boxes.iter().fold(Aabb::EMPTY, |all, &b| all.union(b));
         if boxes.is_empty() {
             return Self {
@@ -148,6 +155,8 @@ impl<'s> ObvhsQuery<'s> {
                 root: Child::default(),
                 nodes: Vec::new(),
                 primitives: Vec::new(),
+                groups,
+                group_of,
             };
         }
         let tree = build_bvh2(&build_boxes(&boxes, bounds), parameters(quality), &mut Duration::default());
@@ -155,7 +164,7 @@ impl<'s> ObvhsQuery<'s> {
         let (root, _) = packer.copy(0, 0);
         let primitives = packer.order.iter().map(|&i| unordered[i as usize]).collect();
         packer.nodes.shrink_to_fit();
-        Self { shapes, bounds, root, nodes: packer.nodes, primitives }
+        Self { shapes, bounds, root, nodes: packer.nodes, primitives, groups, group_of }
     }
 
     /// Hands each leaf that the ray meets before `t_max` to `visit`, which may lower `t_max` or end the search.
@@ -205,18 +214,47 @@ impl<'s> ObvhsQuery<'s> {
     /// The hit on one primitive, if it lies before `t_max`.
     #[inline]
     fn hit(&self, primitive: &Primitive, ray: &Ray, prepared: &WatertightRay, t_max: f32) -> Option<Hit> {
-        if primitive.index == ANALYTIC {
-            return self.hit_analytic(primitive.shape, ray, t_max);
+        if primitive.index == NO_TRIANGLE {
+            return self.hit_other(primitive.shape, &Ray { t_max, ..*ray });
         }
         let hit = prepared.intersect(&primitive.corners, t_max)?;
         Some(Hit { shape: primitive.shape, primitive: primitive.index, u: hit.u, v: hit.v, t: hit.t })
     }
 
+    /// The hit on an analytic shape or an instance.
     #[inline(never)]
-    fn hit_analytic(&self, shape: u32, ray: &Ray, t_max: f32) -> Option<Hit> {
-        let Geometry::Analytic(surface) = &self.shapes[shape as usize].geometry else { return None };
-        let t = analytic::intersect(surface, &Ray { t_max, ..*ray })?;
-        Some(Hit { shape, primitive: 0, u: 0.0, v: 0.0, t })
+    fn hit_other(&self, shape: u32, ray: &Ray) -> Option<Hit> {
+        match &self.shapes[shape as usize].geometry {
+            Geometry::Mesh(_) => None,
+            Geometry::Analytic(surface) => {
+                let t = analytic::intersect(surface, ray)?;
+                Some(Hit { shape, primitive: 0, u: 0.0, v: 0.0, t })
+            }
+            Geometry::Instance(instance) => {
+                let (o, d) = instance.ray_to_group(ray.o, ray.d);
+                let hit = self.group(shape).intersect(&Ray { o, d, ..*ray })?;
+                let primitive = instance.group().first_primitive(hit.shape) + hit.primitive;
+                Some(Hit { shape, primitive, ..hit })
+            }
+        }
+    }
+
+    /// Whether an analytic shape or an instance is hit.
+    #[inline(never)]
+    fn occluded_by_other(&self, shape: u32, ray: &Ray) -> bool {
+        match &self.shapes[shape as usize].geometry {
+            Geometry::Mesh(_) => false,
+            Geometry::Analytic(surface) => analytic::intersect(surface, ray).is_some(),
+            Geometry::Instance(instance) => {
+                let (o, d) = instance.ray_to_group(ray.o, ray.d);
+                self.group(shape).occluded(&Ray { o, d, ..*ray })
+            }
+        }
+    }
+
+    /// What answers for the group of the instance that is shape `shape`.
+    fn group(&self, shape: u32) -> &Self {
+        &self.groups[self.group_of[shape as usize] as usize]
     }
 }
 
@@ -242,7 +280,13 @@ impl RayQuery for ObvhsQuery<'_> {
         let prepared = WatertightRay::new(ray);
         let mut occluded = false;
         self.traverse(ray, |leaf, t_max| {
-            occluded = leaf.iter().any(|primitive| self.hit(primitive, ray, &prepared, *t_max).is_some());
+            occluded = leaf.iter().any(|primitive| {
+                if primitive.index == NO_TRIANGLE {
+                    self.occluded_by_other(primitive.shape, ray)
+                } else {
+                    prepared.intersect(&primitive.corners, *t_max).is_some()
+                }
+            });
             if occluded { ControlFlow::Break(()) } else { ControlFlow::Continue(()) }
         });
         occluded
@@ -253,7 +297,10 @@ impl RayQuery for ObvhsQuery<'_> {
     }
 
     fn memory(&self) -> usize {
-        self.nodes.capacity() * size_of::<Node>() + self.primitives.capacity() * size_of::<Primitive>()
+        self.nodes.capacity() * size_of::<Node>()
+            + self.primitives.capacity() * size_of::<Primitive>()
+            + self.group_of.capacity() * size_of::<u32>()
+            + self.groups.iter().map(|group| size_of::<Self>() + group.memory()).sum::<usize>()
     }
 
     fn name(&self) -> String {
@@ -261,9 +308,29 @@ impl RayQuery for ObvhsQuery<'_> {
     }
 }
 
-/// All primitives of all shapes with their bounds.
+/// A query for each group that has instances among the shapes, and which of them each shape has.
+fn group_queries(shapes: &[Shape], quality: BuildQuality) -> (Vec<ObvhsQuery<'_>>, Vec<u32>) {
+    let (mut queries, mut query_of) = (Vec::new(), Vec::new());
+    let mut known: HashMap<*const Group, u32> = HashMap::new();
+    for (index, shape) in shapes.iter().enumerate() {
+        let Geometry::Instance(instance) = &shape.geometry else { continue };
+        let query = known.entry(Arc::as_ptr(instance.group())).or_insert_with(|| {
+            queries.push(ObvhsQuery::new(instance.group().shapes(), quality));
+            queries.len() as u32 - 1
+        });
+        query_of.resize(shapes.len(), u32::MAX);
+        query_of[index] = *query;
+    }
+    (queries, query_of)
+}
+
+/// All primitives of all shapes with their bounds; an instance counts as one.
 fn collect(shapes: &[Shape]) -> (Vec<Primitive>, Vec<Aabb>) {
-    let count = shapes.iter().map(|s| s.geometry.primitive_count() as usize).sum();
+    let primitives_of = |geometry: &Geometry| match geometry {
+        Geometry::Mesh(mesh) => mesh.triangles().len(),
+        Geometry::Analytic(_) | Geometry::Instance(_) => 1,
+    };
+    let count = shapes.iter().map(|shape| primitives_of(&shape.geometry)).sum();
     let (mut primitives, mut boxes) = (Vec::with_capacity(count), Vec::with_capacity(count));
     for (shape, shape_index) in shapes.iter().zip(0..) {
         match &shape.geometry {
@@ -275,8 +342,22 @@ fn collect(shapes: &[Shape]) -> (Vec<Primitive>, Vec<Aabb>) {
                 }
             }
             Geometry::Analytic(surface) => {
-                primitives.push(Primitive { corners: [Vec3::ZERO; 3], shape: shape_index, index: ANALYTIC });
+                primitives.push(Primitive {
+                    corners: [Vec3::ZERO; 3],
+                    shape: shape_index,
+                    index: NO_TRIANGLE,
+                });
                 boxes.push(surface.bounds());
+            }
+            Geometry::Instance(instance) => {
+                if instance.group().primitive_count() > 0 {
+                    primitives.push(Primitive {
+                        corners: [Vec3::ZERO; 3],
+                        shape: shape_index,
+                        index: NO_TRIANGLE,
+                    });
+                    boxes.push(instance.bounds());
+                }
             }
         }
     }

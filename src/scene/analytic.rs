@@ -54,11 +54,6 @@ impl AnalyticShape {
         Some(Self { kind, to_world, to_object, flip_normals })
     }
 
-    /// The shape moved by a further map; `None` as of [`new`](Self::new). The normal keeps its side.
-    pub fn transformed(&self, map: &DAffine3) -> Option<Self> {
-        Self::new(self.kind, *map * self.to_world, self.flip_normals)
-    }
-
     /// A sphere.
     pub fn sphere(center: DVec3, radius: f64) -> Option<Self> {
         Self::new(

@@ -63,6 +63,11 @@ impl Image {
         self.channels == 1
     }
 
+    /// Whether texels are integers, the greatest of which means 1.
+    pub fn is_integer(&self) -> bool {
+        matches!(self.texels, Texels::U8(_) | Texels::U16(_))
+    }
+
     /// Bytes that the texels take.
     pub fn memory(&self) -> usize {
         let bytes = match self.texels {

@@ -1,6 +1,6 @@
 //! Triangle meshes, laid out so that Embree can share the buffers.
 
-use glam::{DAffine3, DMat3, Vec2, Vec3};
+use glam::{DMat3, Vec2, Vec3};
 use thiserror::Error;
 
 use super::Aabb;
@@ -57,6 +57,26 @@ pub struct MeshAttribute {
     pub channels: usize,
     /// The values one after the other.
     pub values: Vec<f32>,
+}
+
+impl MeshAttribute {
+    /// The value of a vertex or triangle as a colour: that of one or two channels is grey.
+    #[inline]
+    fn color(&self, element: u32) -> Vec3 {
+        let first = element as usize * self.channels;
+        let values = &self.values[first..first + self.channels];
+        if self.channels < 3 { Vec3::splat(values[0]) } else { Vec3::from_slice(values) }
+    }
+
+    /// The value on a triangle, at barycentric coordinates of its second and third corner.
+    #[inline]
+    pub(super) fn at(&self, mesh: &TriangleMesh, triangle: u32, [u, v]: [f32; 2]) -> Vec3 {
+        if self.per_face {
+            return self.color(triangle);
+        }
+        let [a, b, c] = mesh.triangles[triangle as usize].map(|i| self.color(i));
+        a * (1.0 - u - v) + b * u + c * v
+    }
 }
 
 /// Triangles with shared vertices in world space. Always valid: indices are in range and coordinates are finite.
@@ -145,25 +165,14 @@ impl TriangleMesh {
         Ok(self)
     }
 
+    /// The attribute of a name. A mesh has few, so that they are searched one by one.
+    pub fn attribute(&self, name: &str) -> Option<&MeshAttribute> {
+        self.attributes.iter().find(|a| a.name == name)
+    }
+
     /// Further attributes in the order of the file.
     pub fn attributes(&self) -> &[MeshAttribute] {
         &self.attributes
-    }
-
-    /// A copy moved by a map. Normals keep their side: on a flat mesh that a map reflects, vertices run the other way round.
-    ///
-    /// # Errors
-    /// [`MeshError::BadVertex`] if the map moves a vertex too far.
-    pub fn transformed(&self, map: &DAffine3) -> Result<Self, MeshError> {
-        let normal_map = normal_matrix(&map.matrix3);
-        let positions =
-            self.positions().iter().map(|p| map.transform_point3(p.as_dvec3()).as_vec3()).collect();
-        let turn = |n: &Vec3| (normal_map * n.as_dvec3()).normalize_or_zero().as_vec3();
-        let normals = self.normals.iter().map(turn).collect();
-        let is_turned_over = self.normals.is_empty() && map.matrix3.determinant() < 0.0;
-        let flip_normals = self.flip_normals != is_turned_over;
-        Self::new(positions, self.triangles.clone(), normals, self.uvs.clone(), flip_normals)?
-            .with_attributes(self.attributes.clone())
     }
 
     /// World positions, one per vertex.

@@ -8,6 +8,7 @@ mod analytic;
 mod camera;
 mod emitter;
 mod image;
+mod instance;
 pub mod load;
 mod material;
 mod mesh;
@@ -19,11 +20,12 @@ pub use analytic::{AnalyticKind, AnalyticShape};
 pub use camera::{Camera, FovAxis, Lens};
 pub use emitter::{Emitter, EnvironmentMap, Spot};
 pub use image::{Image, Texels};
+pub use instance::{Group, Instance, InstanceError};
 pub use material::{Material, MaterialId, Microfacet, Perturbation, Principled};
 pub use mesh::{MeshAttribute, MeshError, TriangleMesh};
 pub use shape::{Aabb, Geometry, Shape};
 pub use surface::SurfacePoint;
-pub use texture::{Bitmap, Input, TexelFilter, Texture, TextureId, Wrap};
+pub use texture::{Bitmap, Input, Place, TexelFilter, Texture, TextureId, Textures, Wrap};
 
 use glam::{UVec2, Vec3};
 

@@ -2,7 +2,7 @@
 
 use glam::Vec3;
 
-use super::{AnalyticShape, MaterialId, Rgb, TriangleMesh};
+use super::{AnalyticShape, Input, Instance, MaterialId, Rgb, TriangleMesh};
 
 /// The surface of a shape. This is the backend-neutral description that every ray-query backend is built from.
 #[derive(Debug, Clone)]
@@ -11,22 +11,26 @@ pub enum Geometry {
     Mesh(TriangleMesh),
     /// A sphere, disk or cylinder.
     Analytic(AnalyticShape),
+    /// A group of shapes that is held once, in one of its places.
+    Instance(Instance),
 }
 
 impl Geometry {
-    /// Number of primitives: triangles of a mesh, 1 for an analytic shape.
+    /// Number of primitives: triangles of a mesh, 1 for an analytic shape, all of the group for an instance.
     pub fn primitive_count(&self) -> u32 {
         match self {
             Self::Mesh(m) => m.triangles().len() as u32,
             Self::Analytic(_) => 1,
+            Self::Instance(i) => i.group().primitive_count(),
         }
     }
 
-    /// World bounds; empty for a mesh without triangles.
+    /// World bounds; empty where there are no primitives.
     pub fn bounds(&self) -> Aabb {
         match self {
             Self::Mesh(m) => m.bounds(),
             Self::Analytic(a) => a.bounds(),
+            Self::Instance(i) => i.bounds(),
         }
     }
 }
@@ -38,10 +42,26 @@ pub struct Shape {
     pub name: String,
     /// The surface.
     pub geometry: Geometry,
-    /// What it is made of.
+    /// What it is made of. The parts of an instance have materials of their own, and this one says nothing.
     pub material: MaterialId,
-    /// Radiance emitted from the side that the normal points to (Mitsuba's `area` emitter).
-    pub emission: Option<Rgb>,
+    /// Radiance emitted from the side that the normal points to (Mitsuba's `area` emitter); below 0 in a texture counts as 0.
+    /// Instances emit nothing.
+    pub emission: Option<Input<Rgb>>,
+}
+
+impl Shape {
+    /// The shape with the geometry and material of a primitive: this one, or for an instance a part of its group. Also which primitive of that
+    /// shape it is.
+    #[inline(always)]
+    pub fn part(&self, primitive: u32) -> (&Self, u32) {
+        match &self.geometry {
+            Geometry::Instance(instance) => {
+                let (part, within) = instance.group().part(primitive);
+                (&instance.group().shapes()[part as usize], within)
+            }
+            Geometry::Mesh(_) | Geometry::Analytic(_) => (self, primitive),
+        }
+    }
 }
 
 /// An axis-aligned box.

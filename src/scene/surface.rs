@@ -1,9 +1,9 @@
 //! The surface point behind a hit, rebuilt from the shape by one piece of code for all backends.
 
-use glam::{DVec3, Vec2, Vec3};
+use glam::{DMat3, DVec3, Vec2, Vec3};
 use std::f64::consts::{PI, TAU};
 
-use super::{AnalyticKind, AnalyticShape, Geometry, Shape, TriangleMesh};
+use super::{AnalyticKind, AnalyticShape, Geometry, Instance, Rgb, Shape, TriangleMesh};
 
 /// A point on a shape, with what scattering and spawning rays need.
 #[derive(Debug, Clone, Copy, PartialEq)]
@@ -20,7 +20,7 @@ pub struct SurfacePoint {
     pub uv: Vec2,
     /// Index of the shape in the scene.
     pub shape: u32,
-    /// Index of the primitive in the shape.
+    /// Index of the primitive in the shape; in an instance, of all its group's primitives counted through.
     pub primitive: u32,
 }
 
@@ -33,6 +33,10 @@ const PLANE_TEST_ERROR: f32 = 22.0 * (f32::EPSILON / 2.0);
 /// dip below the tangent plane by an angle of up to 2^-21; the sphere falls away beneath it if the ray starts half the square
 /// of that above. (The test itself is done in f64 and errs by less.)
 const SPHERE_TILT_ERROR: f32 = 1.0 / (1u64 << 42) as f32;
+
+/// By how much the errors in a group's space grow because the ray was rounded there: 1 of 22 roundings of the numbers in a plane test
+/// for its origin and at most 6 for its direction, which runs over the primitive's extent; both taken with room to spare.
+const INSTANCE_ERROR: f32 = 1.5;
 
 impl SurfacePoint {
     /// The point with barycentric coordinates `u` (of the second corner) and `v` (of the third) on a triangle.
@@ -122,33 +126,33 @@ impl SurfacePoint {
 
     /// Derivatives of the position by both texture coordinates. `None` as for [`dp_du`](Self::dp_du).
     pub fn dp_duv(&self, shapes: &[Shape]) -> Option<[Vec3; 2]> {
-        let shape = &shapes[self.shape as usize];
-        let derivatives = match &shape.geometry {
-            Geometry::Mesh(mesh) if mesh.uvs().is_empty() => return None,
-            Geometry::Mesh(mesh) => {
-                let [a, b, c] = mesh.corners(self.primitive);
-                let [ta, tb, tc] = mesh.triangles()[self.primitive as usize].map(|i| mesh.uvs()[i as usize]);
-                let (d1, d2) = ((tb - ta).as_dvec2(), (tc - ta).as_dvec2());
-                let (e1, e2) = ((b - a).as_dvec3(), (c - a).as_dvec3());
-                // The inverse of a 2x2 matrix.
-                let determinant = d1.perp_dot(d2);
-                [(e1 * d2.y - e2 * d1.y) / determinant, (e2 * d1.x - e1 * d2.x) / determinant]
-            }
-            Geometry::Analytic(analytic) => {
-                let q = analytic.to_object().transform_point3(self.p.as_dvec3());
-                let round = DVec3::new(-q.y, q.x, 0.0) * TAU;
-                let r = q.x.hypot(q.y);
-                let local = match analytic.kind() {
-                    AnalyticKind::Disk => [q.with_z(0.0) / r, round],
-                    AnalyticKind::Sphere => [round, DVec3::new(q.x * q.z / r, q.y * q.z / r, -r) * PI],
-                    AnalyticKind::Cylinder => [round, DVec3::Z],
-                };
-                local.map(|d| analytic.to_world().transform_vector3(d))
-            }
-        };
-        let derivatives = derivatives.map(DVec3::as_vec3);
+        let geometry = &shapes[self.shape as usize].geometry;
+        let derivatives = derivatives(geometry, self.primitive, self.p.as_dvec3())?.map(DVec3::as_vec3);
         let sound = |d: &Vec3| d.is_finite() && *d != Vec3::ZERO;
         derivatives.iter().all(sound).then_some(derivatives)
+    }
+
+    /// The value here of an attribute of the mesh; `None` on other shapes, and if the mesh has none of that name.
+    ///
+    /// Barycentric coordinates are not kept but found again from the position, so that points cost no more where nothing asks for this.
+    pub fn mesh_attribute(&self, shapes: &[Shape], name: &str) -> Option<Rgb> {
+        let shape = &shapes[self.shape as usize];
+        let (part, primitive) = shape.part(self.primitive);
+        let Geometry::Mesh(mesh) = &part.geometry else { return None };
+        let attribute = mesh.attribute(name)?;
+        let p = match &shape.geometry {
+            Geometry::Instance(instance) => instance.to_group().transform_point3(self.p.as_dvec3()),
+            Geometry::Mesh(_) | Geometry::Analytic(_) => self.p.as_dvec3(),
+        };
+        let [a, b, c] = mesh.corners(primitive).map(Vec3::as_dvec3);
+        let (e1, e2, q) = (b - a, c - a, p - a);
+        let n = e1.cross(e2);
+        let area = n.length_squared();
+        // A triangle without area has the value of its first corner. Rounding of `p` may lead outside of others.
+        let share = |x: f64| if area > 0.0 { (x / area).clamp(0.0, 1.0) } else { 0.0 };
+        let u = share(q.cross(e2).dot(n));
+        let v = share(e1.cross(q).dot(n)).min(1.0 - u);
+        Some(attribute.at(mesh, primitive, [u as f32, v as f32]))
     }
 
     /// The surface point of a hit at distance `t` along the ray from `o` in direction `d`.
@@ -170,8 +174,100 @@ impl SurfacePoint {
                 let world = o.as_dvec3() + d.as_dvec3() * f64::from(t);
                 Self::on_analytic(analytic, shape, analytic.to_object().transform_point3(world))
             }
+            Geometry::Instance(instance) => Self::on_instance(instance, shape, primitive, u, v, o, d, t),
         }
     }
+
+    /// [`from_hit`](Self::from_hit) on an instance. Not inlined, so that scenes without instances do not pay for it.
+    #[inline(never)]
+    #[allow(clippy::too_many_arguments)]
+    fn on_instance(
+        instance: &Instance,
+        shape: u32,
+        primitive: u32,
+        u: f32,
+        v: f32,
+        o: Vec3,
+        d: Vec3,
+        t: f32,
+    ) -> Self {
+        let parts = instance.group().shapes();
+        let (part, within) = instance.group().part(primitive);
+        let (o, d) = instance.ray_to_group(o, d);
+        let local = Self::from_hit(parts, part, within, u, v, o, d, t);
+        Self { shape, primitive, ..local.placed(instance, &parts[part as usize].geometry) }
+    }
+
+    /// A point of `part` in the group's space, moved to the world.
+    ///
+    /// A plane that a ray must be `e` away from in the group's space lies `e |M^T n|` away in the world, where M is the instance's map and n
+    /// the world normal. To that come the errors that the world adds: rounding of `p`, of its offset, and of normal and direction, by which a
+    /// ray may dip towards the surface over the extent of the primitive.
+    fn placed(&self, instance: &Instance, part: &Geometry) -> Self {
+        let (map, inverse) = (&instance.to_world().matrix3, &instance.to_group().matrix3);
+        // Normals go by the inverse transpose, and so keep their side under reflections.
+        let turn = |n: Vec3| (inverse.transpose() * n.as_dvec3()).normalize_or_zero().as_vec3();
+        let (mut ng, ns) = (turn(self.ng), turn(self.ns));
+        if ns.dot(ng) < 0.0 {
+            ng = -ng;
+        }
+        let p = instance.to_world().transform_point3(self.p.as_dvec3()).as_vec3();
+        let stretch = (map.transpose() * ng.as_dvec3()).length() as f32;
+        let reach = reach(part, self.primitive, map);
+        let p_err =
+            INSTANCE_ERROR * self.p_err * stretch + PLANE_TEST_ERROR * (reach + p.abs().max_element());
+        Self { p, p_err, ng, ns, ..*self }
+    }
+}
+
+/// How far a primitive extends along any axis when its space is mapped by `map`, or more.
+fn reach(geometry: &Geometry, primitive: u32, map: &DMat3) -> f32 {
+    let sides = match geometry {
+        Geometry::Mesh(mesh) => {
+            let [a, b, c] = mesh.corners(primitive).map(Vec3::as_dvec3);
+            [*map * (b - a), *map * (c - a), DVec3::ZERO]
+        }
+        Geometry::Analytic(analytic) => {
+            let m = *map * analytic.to_world().matrix3;
+            [m.x_axis, m.y_axis, m.z_axis]
+        }
+        // Groups hold none.
+        Geometry::Instance(_) => [DVec3::ZERO; 3],
+    };
+    sides.into_iter().map(DVec3::abs).sum::<DVec3>().max_element() as f32
+}
+
+/// Derivatives by texture coordinates at the point `p` of a primitive; perhaps not finite or 0. `None` for meshes without texture coordinates.
+fn derivatives(geometry: &Geometry, primitive: u32, p: DVec3) -> Option<[DVec3; 2]> {
+    Some(match geometry {
+        Geometry::Mesh(mesh) if mesh.uvs().is_empty() => return None,
+        Geometry::Mesh(mesh) => {
+            let [a, b, c] = mesh.corners(primitive);
+            let [ta, tb, tc] = mesh.triangles()[primitive as usize].map(|i| mesh.uvs()[i as usize]);
+            let (d1, d2) = ((tb - ta).as_dvec2(), (tc - ta).as_dvec2());
+            let (e1, e2) = ((b - a).as_dvec3(), (c - a).as_dvec3());
+            // The inverse of a 2x2 matrix.
+            let determinant = d1.perp_dot(d2);
+            [(e1 * d2.y - e2 * d1.y) / determinant, (e2 * d1.x - e1 * d2.x) / determinant]
+        }
+        Geometry::Analytic(analytic) => {
+            let q = analytic.to_object().transform_point3(p);
+            let round = DVec3::new(-q.y, q.x, 0.0) * TAU;
+            let r = q.x.hypot(q.y);
+            let local = match analytic.kind() {
+                AnalyticKind::Disk => [q.with_z(0.0) / r, round],
+                AnalyticKind::Sphere => [round, DVec3::new(q.x * q.z / r, q.y * q.z / r, -r) * PI],
+                AnalyticKind::Cylinder => [round, DVec3::Z],
+            };
+            local.map(|d| analytic.to_world().transform_vector3(d))
+        }
+        Geometry::Instance(instance) => {
+            let (part, within) = instance.group().part(primitive);
+            let part = &instance.group().shapes()[part as usize].geometry;
+            let local = derivatives(part, within, instance.to_group().transform_point3(p))?;
+            local.map(|d| instance.to_world().transform_vector3(d))
+        }
+    })
 }
 
 /// Of edges below 1e-19 and above 1e19 the squares leave the range of f32.

@@ -1,7 +1,7 @@
 //! Textures as plain data, and their values as functions of texture coordinates.
 //!
 //! A [`Texture`] is evaluated as a colour, a number, or a number with its slope (for bump maps). It knows nothing of
-//! materials; a parameter of a material that may be textured is an [`Input`].
+//! materials; a parameter that may be textured is an [`Input`]. Mesh attributes apart, textures depend on texture coordinates alone.
 //!
 //! Meaning and conventions are those of Mitsuba 3's plugins of the same names: (0, 0) is the corner of the image's
 //! first texel, rows run from the top, texels are converted to linear colour before they are interpolated.
@@ -10,7 +10,7 @@ use std::sync::Arc;
 
 use glam::{Affine2, Vec2};
 
-use super::{Image, Rgb, luminance};
+use super::{Geometry, Image, Rgb, Scene, Shape, SurfacePoint, luminance};
 
 /// Index into [`Scene::textures`](super::Scene::textures).
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Hash)]
@@ -31,24 +31,47 @@ impl<T> From<T> for Input<T> {
     }
 }
 
-impl Input<Rgb> {
-    /// The value at `uv`.
+/// The textures of a scene, and the shapes whose meshes they may ask for attributes.
+#[derive(Debug, Clone, Copy)]
+pub struct Textures<'a> {
+    all: &'a [Texture],
+    shapes: &'a [Shape],
+}
+
+/// Where a texture is evaluated.
+#[derive(Debug, Clone, Copy)]
+pub struct Place<'p> {
+    /// Texture coordinates.
+    pub uv: Vec2,
+    /// The point on a surface, without which attributes of meshes are black.
+    pub point: Option<&'p SurfacePoint>,
+}
+
+impl<'p> From<&'p SurfacePoint> for Place<'p> {
     #[inline]
-    pub fn at(self, textures: &[Texture], uv: Vec2) -> Rgb {
+    fn from(point: &'p SurfacePoint) -> Self {
+        Self { uv: point.uv, point: Some(point) }
+    }
+}
+
+impl Input<Rgb> {
+    /// The value at a place.
+    #[inline]
+    pub fn at(self, textures: Textures, place: Place) -> Rgb {
         match self {
             Self::Constant(color) => color,
-            Self::Texture(id) => color(textures, id, uv),
+            Self::Texture(id) => textures.color(id, place),
         }
     }
 }
 
 impl Input<f32> {
-    /// The value at `uv`; of a coloured texture its luminance.
+    /// The value at a place; of a coloured texture its luminance.
     #[inline]
-    pub fn at(self, textures: &[Texture], uv: Vec2) -> f32 {
+    pub fn at(self, textures: Textures, place: Place) -> f32 {
         match self {
             Self::Constant(value) => value,
-            Self::Texture(id) => number(textures, id, uv),
+            Self::Texture(id) => textures.number(id, place),
         }
     }
 }
@@ -88,7 +111,7 @@ pub struct Bitmap {
     pub to_uv: Affine2,
 }
 
-/// A function of texture coordinates.
+/// A function of the place on a surface.
 ///
 /// A texture that is made of others may only refer to those before it in [`Scene::textures`](super::Scene::textures): this
 /// bounds the depth. Other references are black.
@@ -112,58 +135,126 @@ pub enum Texture {
         /// The factor.
         factor: Rgb,
     },
+    /// An attribute of the mesh that the surface belongs to: interpolated between vertices, or constant on triangles. Of one or two
+    /// channels the first is taken for grey. Black on shapes without it.
+    MeshAttribute {
+        /// Its name, `vertex_...` or `face_...`.
+        name: String,
+        /// Factor on it.
+        scale: f32,
+    },
 }
 
-/// The colour of a texture at `uv`. Non-finite coordinates, which loaders do not let through, give some texel.
-#[inline(never)] // Out of the way of paths without textures.
-pub fn color(textures: &[Texture], id: TextureId, uv: Vec2) -> Rgb {
-    let Some((texture, before)) = textures.get(..=id.0 as usize).and_then(<[Texture]>::split_last) else {
-        return Rgb::ZERO;
-    };
-    texture.color(before, uv)
+impl<'a> Textures<'a> {
+    /// Textures without a scene around them.
+    pub fn new(all: &'a [Texture]) -> Self {
+        Self { all, shapes: &[] }
+    }
+
+    /// Those of a scene.
+    #[inline]
+    pub fn of(scene: &'a Scene) -> Self {
+        Self { all: &scene.textures, shapes: &scene.shapes }
+    }
+
+    /// A texture, and those that it may be made of.
+    #[inline]
+    fn get(self, id: TextureId) -> Option<(&'a Texture, Self)> {
+        let (texture, before) = self.all.get(..=id.0 as usize)?.split_last()?;
+        Some((texture, Self { all: before, ..self }))
+    }
+
+    /// The colour of a texture. Non-finite coordinates, which loaders do not let through, give some texel.
+    #[inline(never)] // Out of the way of paths without textures.
+    pub fn color(self, id: TextureId, place: Place) -> Rgb {
+        self.get(id).map_or(Rgb::ZERO, |(texture, before)| texture.color(before, place))
+    }
+
+    /// The number of a texture: the luminance of its colour. But of a checkerboard the squares change places, as they do in
+    /// Mitsuba 3.9 where a number is asked for.
+    #[inline(never)]
+    pub fn number(self, id: TextureId, place: Place) -> f32 {
+        match self.get(id) {
+            Some((&Texture::Checkerboard { color0, color1, to_uv }, before)) => {
+                let swapped = Texture::Checkerboard { color0: color1, color1: color0, to_uv };
+                luminance(swapped.color(before, place))
+            }
+            _ => luminance(self.color(id, place)),
+        }
+    }
+
+    /// The slope along u and v of the number that a texture gives. 0 where steps have none: in checkerboards, and in bitmaps
+    /// without interpolation; and for attributes of meshes.
+    #[inline]
+    pub fn slope(self, id: TextureId, uv: Vec2) -> Vec2 {
+        match self.get(id) {
+            Some((Texture::Bitmap(bitmap), _)) if bitmap.filter == TexelFilter::Bilinear => bitmap.slope(uv),
+            // Only grey factors commute with the luminance; loaders give bump maps no others.
+            Some((Texture::Scale { texture, factor }, before)) => {
+                before.slope(*texture, uv) * luminance(*factor)
+            }
+            _ => Vec2::ZERO,
+        }
+    }
+
+    /// A colour that an input on a shape nowhere exceeds, per channel.
+    pub fn bound(self, input: Input<Rgb>, shape: &Shape) -> Rgb {
+        let id = match input {
+            Input::Constant(color) => return color,
+            Input::Texture(id) => id,
+        };
+        let Some((texture, before)) = self.get(id) else { return Rgb::ZERO };
+        match texture {
+            Texture::Bitmap(bitmap) => Rgb::splat(bitmap.image.max_value()),
+            Texture::Checkerboard { color0, color1, .. } => {
+                before.bound(*color0, shape).max(before.bound(*color1, shape))
+            }
+            Texture::Scale { texture, factor } => before.bound(Input::Texture(*texture), shape) * *factor,
+            Texture::MeshAttribute { name, scale } => match &shape.geometry {
+                Geometry::Mesh(mesh) => {
+                    let values = mesh.attribute(name).map_or(&[][..], |a| &a.values);
+                    Rgb::splat(values.iter().fold(0.0, |max: f32, v| max.max(v * scale)))
+                }
+                Geometry::Analytic(_) | Geometry::Instance(_) => Rgb::ZERO,
+            },
+        }
+    }
+
+    /// Calls `found` with the name of every mesh attribute that a texture is made of.
+    pub fn each_attribute(self, id: TextureId, found: &mut impl FnMut(&str)) {
+        let Some((texture, before)) = self.get(id) else { return };
+        match texture {
+            Texture::Bitmap(_) => {}
+            Texture::MeshAttribute { name, .. } => found(name),
+            Texture::Scale { texture, .. } => before.each_attribute(*texture, found),
+            Texture::Checkerboard { color0, color1, .. } => {
+                for input in [color0, color1] {
+                    if let Input::Texture(id) = input {
+                        before.each_attribute(*id, found);
+                    }
+                }
+            }
+        }
+    }
 }
 
 impl Texture {
-    /// The colour at `uv`; `before` are the textures that this one may be made of.
+    /// The colour; `before` are the textures that this one may be made of.
     #[inline]
-    fn color(&self, before: &[Self], uv: Vec2) -> Rgb {
+    fn color(&self, before: Textures, place: Place) -> Rgb {
         match self {
-            Self::Bitmap(bitmap) => bitmap.color(uv),
+            Self::Bitmap(bitmap) => bitmap.color(place.uv),
             Self::Checkerboard { color0, color1, to_uv } => {
-                let q = to_uv.transform_point2(uv);
+                let q = to_uv.transform_point2(place.uv);
                 let right = (q - q.floor()).cmpgt(Vec2::splat(0.5));
-                if right.x == right.y { color0 } else { color1 }.at(before, uv)
+                if right.x == right.y { color0 } else { color1 }.at(before, place)
             }
-            Self::Scale { texture, factor } => color(before, *texture, uv) * *factor,
+            Self::Scale { texture, factor } => before.color(*texture, place) * *factor,
+            Self::MeshAttribute { name, scale } => {
+                let value = place.point.and_then(|point| point.mesh_attribute(before.shapes, name));
+                value.unwrap_or(Rgb::ZERO) * *scale
+            }
         }
-    }
-}
-
-/// The number of a texture at `uv`: the luminance of its colour. But of a checkerboard the squares change places, as they do in
-/// Mitsuba 3.9 where a number is asked for.
-#[inline(never)]
-pub fn number(textures: &[Texture], id: TextureId, uv: Vec2) -> f32 {
-    match textures.get(id.0 as usize) {
-        Some(&Texture::Checkerboard { color0, color1, to_uv }) => {
-            let swapped = Texture::Checkerboard { color0: color1, color1: color0, to_uv };
-            luminance(swapped.color(&textures[..id.0 as usize], uv))
-        }
-        _ => luminance(color(textures, id, uv)),
-    }
-}
-
-/// The slope along u and v of the number that a texture gives at `uv`. 0 where steps have none: in checkerboards, and in bitmaps
-/// without interpolation.
-#[inline]
-pub fn slope(textures: &[Texture], id: TextureId, uv: Vec2) -> Vec2 {
-    let Some((texture, before)) = textures.get(..=id.0 as usize).and_then(<[Texture]>::split_last) else {
-        return Vec2::ZERO;
-    };
-    match texture {
-        Texture::Bitmap(bitmap) if bitmap.filter == TexelFilter::Bilinear => bitmap.slope(uv),
-        Texture::Bitmap(_) | Texture::Checkerboard { .. } => Vec2::ZERO,
-        // Only grey factors commute with the luminance; loaders give bump maps no others.
-        Texture::Scale { texture, factor } => slope(before, *texture, uv) * luminance(*factor),
     }
 }
 

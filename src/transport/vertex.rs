@@ -54,7 +54,7 @@ impl<'s> SurfaceVertex<'s> {
     pub fn new(materials: &'s Materials<'s>, hit: &Hit, ray: &Ray) -> Self {
         let scene = materials.scene();
         let point = hit.surface(&scene.shapes, ray);
-        let material = scene.shapes[hit.shape as usize].material;
+        let material = scene.shapes[hit.shape as usize].part(hit.primitive).0.material;
         let bsdf = Bsdf::new(materials, material, &point, point.ns.dot(ray.d) < 0.0);
         let tangent = if bsdf.is_anisotropic() { point.dp_du(&scene.shapes) } else { None };
         let frame = match tangent {

@@ -34,24 +34,31 @@ def load(path):
     return np.array(bitmap, dtype=np.float64)
 
 
-def ours(scene, integrator, seconds, size, seed):
-    """Image, samples per pixel and time."""
+def rel_mse(image, reference):
+    inner = (slice(BORDER, -BORDER), slice(BORDER, -BORDER))
+    a, b = image[inner], reference[inner]
+    return float(((a - b) ** 2 / (b**2 + 0.01)).mean())
+
+
+def ours(scene, integrator, seconds, size, seed, depth=DEPTH):
+    """Image, samples per pixel and time. `integrator` may have parameters."""
+    name = f"{integrator}{',' if ':' in integrator else ':'}max_depth={depth}"
     with tempfile.TemporaryDirectory() as folder:
         image = pathlib.Path(folder) / "image.exr"
         command = [PROJECT / "target/release/helmholtz", "render", scene, "--time", f"{seconds}s", "--size", f"{size[0]}x{size[1]}"]
-        name, _, parameters = integrator.partition(":")
-        command += ["--integrator", ",".join(filter(None, [f"{name}:max_depth={DEPTH}", parameters])), "--seed", str(seed), "--quiet", "--json", "-o", image]
+        command += ["--integrator", name, "--seed", str(seed), "--quiet", "--json", "-o", image]
         report = json.loads(subprocess.run(command, check=True, capture_output=True).stdout)
         return load(image), report["passes"], report["render_seconds"]
 
 
-def mitsubas(scene, variant, plugin, seconds, size, seed):
+def mitsubas(scene, variant, plugin, seconds, size, seed, depth=DEPTH):
+    """As `ours`, by a plugin of Mitsuba; its first render, which compiles, does not count."""
     mi.set_variant(variant)
     loaded = mi.load_file(str(scene))
     sensor = mi.traverse(loaded.sensors()[0])
     sensor["film.size"] = list(size)
     sensor.update()
-    integrator = mi.load_dict({"type": plugin, "max_depth": DEPTH})
+    integrator = mi.load_dict({"type": plugin, "max_depth": depth})
 
     def render(spp):
         start = time.time()
@@ -69,7 +76,6 @@ def mitsubas(scene, variant, plugin, seconds, size, seed):
 def main():
     scene, seconds, reference = pathlib.Path(sys.argv[1]), float(sys.argv[2]), load(sys.argv[3])
     size = (reference.shape[1], reference.shape[0])
-    inner = (slice(BORDER, -BORDER), slice(BORDER, -BORDER))
     results = {integrator: [] for integrator in sys.argv[4:]}
     for run in range(RUNS):
         for integrator, found in results.items():
@@ -78,8 +84,7 @@ def main():
                 image, spp, elapsed = mitsubas(scene, variant, plugin, seconds, size, 10 + run)
             else:
                 image, spp, elapsed = ours(scene, integrator, seconds, size, 10 + run)
-            a, b = image[inner], reference[inner]
-            error = float(((a - b) ** 2 / (b**2 + 0.01)).mean()) * elapsed / seconds
+            error = rel_mse(image, reference) * elapsed / seconds
             found.append((spp * size[0] * size[1] / elapsed / 1e6, error))
     for integrator, found in results.items():
         rate, error = (statistics.median(values) for values in zip(*found))

@@ -200,7 +200,7 @@ fn with_checksum(mut content: Vec<u8>) -> Vec<u8> {
 
 fn state_of(header: &str, payload: &[u8]) -> Vec<u8> {
     let length = (header.len() as u32).to_le_bytes();
-    with_checksum([&b"HELMFILM\x01\0\0\0"[..], &length, header.as_bytes(), payload].concat())
+    with_checksum([&b"HELMFILM\x02\0\0\0"[..], &length, header.as_bytes(), payload].concat())
 }
 
 #[test]
@@ -251,8 +251,8 @@ fn errors_say_what_is_wrong() {
     assert!(matches!(error(b"\x89PNG\r\n\x1a\n and so on and on"), StateErrorKind::Magic));
     assert!(matches!(error(b""), StateErrorKind::Length { .. }));
     let mut version = bytes.clone();
-    version[8] = 2;
-    assert!(matches!(error(&version), StateErrorKind::Version(2)));
+    version[8] = 255;
+    assert!(matches!(error(&version), StateErrorKind::Version(255)));
     assert!(matches!(error(&bytes[..bytes.len() - 1]), StateErrorKind::Length { .. }));
     let mut sum = bytes.clone();
     let at = sum.len() - 100;

@@ -2,17 +2,17 @@
 
 use std::f64::consts::PI;
 
-use glam::{UVec2, Vec3};
+use glam::{DAffine3, DVec3, UVec2, Vec3};
 use helmholtz::integrators::Integrator;
 use helmholtz::query::obvhs::ObvhsQuery;
 use helmholtz::query::{BuildQuality, RayQuery};
-use helmholtz::scene::{Emitter, Filter, Lens, Material, PixelRect, Rgb, Scene};
+use helmholtz::scene::{Emitter, Filter, Lens, Material, Microfacet, PixelRect, Rgb, Scene, Spot};
 use helmholtz::transport::World;
 
 use super::agreement::integrator;
 use crate::backends::{BackendTest, on_first_backend};
 use crate::images::render_runs;
-use crate::scene_builder::{Build, diffuse, empty, quad, scaled, sphere};
+use crate::scene_builder::{Build, diffuse, empty, hollow_sphere, quad, scaled, sphere};
 use crate::statistics::{FALSE_ALARM_RATE, Family, Moments, z_test, z_test_two};
 
 /// What the mean of the green channel over all pixels should be.
@@ -120,7 +120,7 @@ pub(super) fn mirror() -> Scene {
         )
 }
 
-fn with_lens(mut scene: Scene, aperture_radius: f64) -> Scene {
+pub(super) fn with_lens(mut scene: Scene, aperture_radius: f64) -> Scene {
     scene.camera.lens = Lens::Thin { aperture_radius, focus_distance: 6.0 };
     scene
 }
@@ -212,7 +212,68 @@ fn crops_and_sizes_do_not_change_brightness() {
     }
 }
 
-/// Radiance does not depend on the unit of length. (Fails where distances are compared with constants, or squares leave the range of f32.)
+/// What is far away is as bright as what is near: the same square of a floor, from 4 and from 400. (Number 9 of [`super`].)
+#[test]
+fn brightness_does_not_depend_on_distance() {
+    let mut near = point_over_floor();
+    near.camera.fov = 60.0;
+    let mut far = near.clone();
+    far.camera.to_world = DAffine3::from_translation(DVec3::new(0.0, 0.0, -396.0));
+    far.camera.fov = 2.0 * (30f64.to_radians().tan() * 4.0 / 400.0).atan().to_degrees();
+    let query = ObvhsQuery::new(&near.shapes, BuildQuality::default());
+    let expected = means(&near, &query, integrator("path", "max_depth=2"), 1000, 64);
+    let mut through_lens = far.clone();
+    through_lens.camera.lens = Lens::Thin { aperture_radius: 0.2, focus_distance: 400.0 };
+    for (name, scene) in [("far", far), ("far, through a lens", through_lens)] {
+        for tested in ["bdpt", "ptracer"] {
+            let expected = Expected::Exactly(expected.mean());
+            check(name, &scene, (tested, "max_depth=2"), expected, 64);
+        }
+    }
+}
+
+/// A pane close to the lens covers half of it: lens points that are blocked count as samples. (Number 4 of [`super`].)
+#[test]
+fn a_lens_half_covered() {
+    let pane = quad(Vec3::new(0.0, -2.0, 0.3), Vec3::Y * 4.0, Vec3::X * 2.0);
+    let scene = with_lens(lit_corner().shape(pane, diffuse(0.0), None), 0.3);
+    for (tested, parameters) in
+        [("bdpt", "max_depth=3"), ("ptracer", "max_depth=3,connect=nee"), ("ptracer", "max_depth=3")]
+    {
+        let expected = Expected::As(integrator("path", "max_depth=3"));
+        check("half covered", &scene, (tested, parameters), expected, 256);
+    }
+}
+
+/// The light of a lamp in a narrow slit between two walls, where connections are between vertices that nearly coincide: it is neither lost nor
+/// so noisy that the comparison would refuse it. (Number 5 of [`super`].)
+#[test]
+fn vertices_that_nearly_coincide_are_no_fireflies() {
+    const GAP: f32 = 1e-3;
+    let back = quad(Vec3::new(-1.0, -1.0, 4.0), Vec3::Y * 2.0, Vec3::X * 2.0);
+    let front = quad(Vec3::new(0.0, -1.0, 4.0 - GAP), Vec3::X, Vec3::Y * 2.0);
+    let lamp = quad(Vec3::new(-1.0, -1.0, 3.0), Vec3::X * 0.8, Vec3::Y * 2.0);
+    let walls = empty().shape(back, diffuse(0.9), None).shape(front, diffuse(0.9), None);
+    let mut scene = walls.shape(lamp, diffuse(0.5), Some(Rgb::splat(3.0)));
+    // The wall behind and the slit's mouth.
+    scene.camera.to_world = DAffine3::from_translation(DVec3::new(-0.05, 0.0, 3.5));
+    check("slit", &scene, ("bdpt", "max_depth=6"), Expected::As(integrator("path", "max_depth=6")), 256);
+}
+
+/// Paths that leave a lamp start beside it: nothing of its light is lost on itself. (Number 6 of [`super`].)
+#[test]
+fn light_paths_do_not_hit_their_own_lamp() {
+    // A closed white sphere that emits 1 inwards and reflects half: radiance is the sum of 1, 1/2 and 1/4.
+    for radius in [1e-3, 1.0, 1e3] {
+        let scene = empty().shape(hollow_sphere(Vec3::ZERO, radius), diffuse(0.5), Some(Rgb::ONE));
+        for tested in ["bdpt", "ptracer"] {
+            check("sphere", &scene, (tested, "max_depth=3"), Expected::Exactly(1.75), 64);
+        }
+    }
+}
+
+/// Radiance does not depend on the unit of length. (Fails where distances are compared with constants, or squares leave the range of f32; number 10
+/// of [`super`].)
 #[test]
 fn images_survive_scale() {
     let glass = Material::Dielectric {
@@ -233,15 +294,40 @@ fn images_survive_scale() {
             128,
         );
     }
-    let mean = |exponent: i32| {
-        let scene = with_lens(scaled(scene.clone(), 10f64.powi(exponent)), 0.2);
-        let query = ObvhsQuery::new(&scene.shapes, BuildQuality::default());
-        means(&scene, &query, integrator("bdpt", "max_depth=5"), 0, 128)
+    let rough = Material::RoughDielectric {
+        distribution: Microfacet::Ggx,
+        alpha: [0.3.into(); 2],
+        eta: 1.5,
+        specular_reflectance: Rgb::ONE.into(),
+        specular_transmittance: Rgb::ONE.into(),
     };
-    let unit = mean(0);
-    for exponent in [-6, 6] {
-        let scaled = mean(exponent);
-        assert!((scaled.mean() / unit.mean() - 1.0).abs() < 2e-3, "1e{exponent}: {scaled:?}, {unit:?}");
+    let mut glossy = lit_corner().shape(sphere(Vec3::new(0.3, -0.1, 4.0), 0.8), rough, None);
+    glossy = glossy.emitter(Emitter::Constant { radiance: Rgb::splat(0.5) });
+    let spot = Spot {
+        position: Vec3::new(-0.5, 1.4, 3.0),
+        axis: Vec3::new(0.2, -0.8, 0.5).normalize(),
+        intensity: Rgb::splat(4.0),
+        cutoff: 1.0,
+        beam_width: 0.5,
+    };
+    let mut parallel = lit_corner().emitter(Emitter::Spot(spot));
+    parallel.camera.lens = Lens::Orthographic;
+    for (name, scene) in [
+        ("glass, lens", with_lens(scene.clone(), 0.2)),
+        ("rough glass under a sky, lens", with_lens(glossy, 0.2)),
+        ("spot, orthographic", parallel),
+    ] {
+        let mean = |exponent: i32| {
+            let scene = scaled(scene.clone(), 10f64.powi(exponent));
+            let query = ObvhsQuery::new(&scene.shapes, BuildQuality::default());
+            means(&scene, &query, integrator("bdpt", "max_depth=5"), 0, 128)
+        };
+        let unit = mean(0);
+        for exponent in [-6, 6] {
+            let scaled = mean(exponent);
+            let difference = (scaled.mean() / unit.mean() - 1.0).abs();
+            assert!(difference < 2e-3, "{name}, 1e{exponent}: {scaled:?}, {unit:?}");
+        }
     }
 }
 
@@ -250,7 +336,7 @@ fn images_survive_scale() {
 fn images_are_linear_in_emission() {
     let mean = |factor: f32| {
         let mut scene = lit_corner();
-        scene.shapes[2].emission = Some(Rgb::splat(5.0 * factor));
+        scene.shapes[2].emission = Some(Rgb::splat(5.0 * factor).into());
         let query = ObvhsQuery::new(&scene.shapes, BuildQuality::default());
         means(&scene, &query, integrator("bdpt", "max_depth=3"), 0, 4).mean() / f64::from(factor)
     };

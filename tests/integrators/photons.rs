@@ -17,7 +17,7 @@ use helmholtz::transport::World;
 use super::agreement::integrator;
 use super::forward::{UNDER_POINT, lit_corner, means, mirror, point_over_floor};
 use crate::backends::{BackendTest, on_first_backend};
-use crate::scene_builder::{Build, diffuse, empty, quad, sphere};
+use crate::scene_builder::{Build, checkered, diffuse, empty, quad, sphere};
 use crate::statistics::Random;
 
 const FILTERS: [Filter; 3] = [Filter::Constant, Filter::Cone, Filter::Gaussian];
@@ -142,7 +142,7 @@ fn check(
     on_first_backend(&scene.shapes, &Case { scene, tested, expected, passes, bias });
 }
 
-/// Light falls off as `(1 + x^2)^-2` at x heights from the foot: a mean over a disc of radius 0.05 at height 2 is too low by 6e-4 at most, and the disc
+/// Light falls off as `(1 + x^2)^(-3/2)` at x heights from the foot: a mean over a disc of radius 0.05 at height 2 is too low by 5e-4 at most, and the disc
 /// of 100 of 2e5 photons, which has a radius of 0.09, by 2e-3. The scene absorbs 40 % of the photons, and most of what is left flies off: a
 /// map divided by the photons stored would be too bright.
 #[test]
@@ -189,6 +189,18 @@ fn images_agree_with_the_path_tracer() {
             check(&scene, ("photonmapper", &parameters), Ok(("path", &depth)), [8, 64], 0.02);
         }
     }
+}
+
+/// A lamp with a texture, near enough to the wall to be seen in it.
+#[test]
+fn textured_lamps_send_photons() {
+    let mut scene = lit_corner();
+    scene.shapes.swap(0, 2);
+    let scene = checkered(scene);
+    let path = Ok(("path", "max_depth=3"));
+    let map = "max_depth=3,photons=5000,lookup=radius,radius=0.1";
+    check(&scene, ("photonmapper", map), path, [8, 64], 0.02);
+    check(&scene, ("sppm", "max_depth=3,photons=4000,radius=0.1,alpha=0.5"), path, [48, 64], 0.01);
 }
 
 /// `sppm` against `bdpt`, and that the blur goes away: of a large first disc, more of it in the first passes than in all.
@@ -395,6 +407,8 @@ fn bad_parameters_are_refused() {
         ("radius", "-1"),
         ("radius", "inf"),
         ("radius", "NaN"),
+        ("radius", "1e-20"),
+        ("radius", "1e20"),
         ("radius", "much"),
         ("photons", "0"),
         ("photons", "-5"),
@@ -402,6 +416,7 @@ fn bad_parameters_are_refused() {
         ("filter", "box"),
         ("direct", "no"),
         ("mode", "all"),
+        ("show", "yes"),
         ("final_gather", "-1"),
         ("max_depth", "128"),
     ] {
@@ -444,6 +459,7 @@ fn descriptions_are_parameters() {
         ("photonmapper", "radius=0.25,rr_depth=3"),
         ("sppm", "radius=0.1,alpha=0.6,filter=cone"),
         ("sppm", "mode=caustic"),
+        ("photonmapper", "show=photons"),
     ] {
         let made = integrator(name, parameters);
         let told = made.describe();

@@ -66,7 +66,9 @@ impl Photons {
                 self.map.nearest(&site, k + 1, limit, accepts, heap);
                 let is_bounded = heap.len() <= k && limit < f32::INFINITY;
                 let farthest = if is_bounded { None } else { heap.pop() };
-                let radius_squared = farthest.map_or(limit, |(bits, _)| f32::from_bits(bits));
+                // If it lies at the site itself, as all others do, the density is infinite, and the sample is dropped as such.
+                let radius_squared =
+                    farthest.map_or(limit, |(bits, _)| f32::from_bits(bits)).max(f32::MIN_POSITIVE);
                 for &(bits, index) in heap.iter() {
                     add(&self.map.photons()[index as usize], f32::from_bits(bits) / radius_squared);
                 }

@@ -13,11 +13,15 @@ use super::photon::Photon;
 /// Most photons in a leaf.
 const LEAF: usize = 8;
 
+/// Ranges up to this size are sorted by one task: half a megabyte.
+const PHOTONS_PER_TASK: usize = 1 << 14;
+
 /// Where a range is split.
-#[derive(Debug, Clone, Copy)]
-struct Node {
-    split: f32,
-    axis: u32,
+#[derive(Debug, Clone, Copy, Default, PartialEq)]
+pub(super) struct Node {
+    pub(super) split: f32,
+    /// 0, 1 or 2.
+    pub(super) axis: u32,
 }
 
 /// Photons, searchable by position.
@@ -37,21 +41,23 @@ impl PhotonMap {
     /// Sorts photons into a map: O(n log n), on all threads.
     pub fn new(mut photons: Vec<Photon>) -> Self {
         let count = photons.len();
-        let levels = count.div_ceil(LEAF).max(1).next_power_of_two().ilog2();
-        let mut nodes = Vec::with_capacity((1 << levels) - 1);
-        for level in 0..levels {
-            let mut rest = photons.as_mut_slice();
-            let mut ranges = Vec::with_capacity(1 << level);
-            for i in 0..1 << level {
-                let size = boundary(count, level, i + 1) - boundary(count, level, i);
-                let (range, others) = rest.split_at_mut(size);
-                let middle = boundary(count, level + 1, 2 * i + 1) - boundary(count, level, i);
-                ranges.push((range, middle));
-                rest = others;
-            }
-            nodes.par_extend(ranges.into_par_iter().map(|(range, middle)| halve(range, middle)));
-        }
+        let levels = levels(count);
+        let mut preorder = vec![Node::default(); node_count(count)];
+        build(&mut photons, &mut preorder, Range { count, level: 0, i: 0 });
+        let mut nodes = vec![Node::default(); preorder.len()];
+        order_by_level(&preorder, 1, &mut nodes);
         Self { photons, nodes, levels }
+    }
+
+    /// The map that was made of these parts before. `None` if there are too many or too few nodes, or one that makes no sense.
+    pub(super) fn from_parts(photons: Vec<Photon>, nodes: Vec<Node>) -> Option<Self> {
+        let is_sound = nodes.len() == node_count(photons.len()) && nodes.iter().all(|node| node.axis < 3);
+        is_sound.then(|| Self { levels: levels(photons.len()), photons, nodes })
+    }
+
+    /// The inner nodes, level by level.
+    pub(super) fn nodes(&self) -> &[Node] {
+        &self.nodes
     }
 
     /// All photons.
@@ -168,18 +174,81 @@ impl Site {
     }
 }
 
+/// Levels above the leaves of a map of `count` photons.
+fn levels(count: usize) -> u32 {
+    count.div_ceil(LEAF).max(1).next_power_of_two().ilog2()
+}
+
+/// Number of inner nodes of a map of `count` photons.
+pub(super) fn node_count(count: usize) -> usize {
+    (1 << levels(count)) - 1
+}
+
 /// Where range `i` of a level begins: ranges differ in size by one at most, and each is the union of two of the next level.
 #[inline]
 fn boundary(count: usize, level: u32, i: usize) -> usize {
     ((count as u64 * i as u64) >> level) as usize
 }
 
+/// Range `i` of a level of a map of `count` photons.
+#[derive(Debug, Clone, Copy)]
+struct Range {
+    count: usize,
+    level: u32,
+    i: usize,
+}
+
+impl Range {
+    /// The number of photons in its first half, and its halves.
+    fn halves(self) -> (usize, [Self; 2]) {
+        let Self { count, level, i } = self;
+        let size = boundary(count, level + 1, 2 * i + 1) - boundary(count, level, i);
+        (size, [2 * i, 2 * i + 1].map(|i| Self { count, level: level + 1, i }))
+    }
+}
+
+/// Sorts the photons of a range into its subtree, whose nodes are in preorder here: so a range that fits into a cache is done with before it leaves
+/// it.
+fn build(photons: &mut [Photon], nodes: &mut [Node], range: Range) {
+    let Some((node, nodes)) = nodes.split_first_mut() else { return };
+    let (middle, [first, second]) = range.halves();
+    let is_large = photons.len() > PHOTONS_PER_TASK;
+    *node = halve(photons, middle);
+    let (photons, others) = photons.split_at_mut(middle);
+    let (nodes, other_nodes) = nodes.split_at_mut(nodes.len() / 2);
+    if is_large {
+        rayon::join(|| build(photons, nodes, first), || build(others, other_nodes, second));
+    } else {
+        build(photons, nodes, first);
+        build(others, other_nodes, second);
+    }
+}
+
+/// Puts a subtree whose root has a number (1: the whole tree) where a search looks for it.
+fn order_by_level(preorder: &[Node], number: usize, nodes: &mut [Node]) {
+    if let Some((root, rest)) = preorder.split_first() {
+        nodes[number - 1] = *root;
+        let (first, second) = rest.split_at(rest.len() / 2);
+        order_by_level(first, 2 * number, nodes);
+        order_by_level(second, 2 * number + 1, nodes);
+    }
+}
+
 /// Moves the photons of a range so that those from `middle` on lie beyond all before, along the longest side of their box.
 fn halve(range: &mut [Photon], middle: usize) -> Node {
-    let first = range.first().map_or(Vec3::ZERO, |photon| photon.position);
-    let (min, max) = range
-        .iter()
-        .fold((first, first), |(min, max), photon| (min.min(photon.position), max.max(photon.position)));
+    let corners = |photons: &[Photon]| {
+        let first = photons.first().map_or(Vec3::ZERO, |photon| photon.position);
+        photons
+            .iter()
+            .fold((first, first), |(min, max), photon| (min.min(photon.position), max.max(photon.position)))
+    };
+    let join = |a: (Vec3, Vec3), b: (Vec3, Vec3)| (a.0.min(b.0), a.1.max(b.1));
+    let (min, max) = if range.len() > PHOTONS_PER_TASK {
+        let parts = range.par_chunks(PHOTONS_PER_TASK).map(corners);
+        parts.reduce_with(join).unwrap_or_default()
+    } else {
+        corners(range)
+    };
     let axis = (max - min).max_position();
     if middle >= range.len() {
         return Node { split: max[axis], axis: axis as u32 };

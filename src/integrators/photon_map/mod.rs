@@ -18,6 +18,11 @@
 //! walks end where nothing absorbs; survivors are that much brighter.) Power is divided by the number of photons *emitted*: were it the number
 //! stored, as the lecture's slide has it, a scene would get brighter by absorbing.
 //!
+//! ## Photons as they are
+//!
+//! `show=photons` draws each photon as a dot where the camera sees it: as if the scene were a white diffuse one, seen without any blur. The mean of many passes is
+//! irradiance over pi, of the light that the map holds. Photons are not seen in mirrors or through glass, which they do not lie on.
+//!
 //! ## Caustics only
 //!
 //! `mode=caustic` stores photons of class LS+D only. At each vertex that is not specular the backward path tracer adds what they make, and
@@ -28,12 +33,14 @@ mod gather;
 mod kernel;
 mod map;
 mod photon;
+mod show;
+pub mod store;
 mod trace;
 
 pub use kernel::Filter;
 pub use map::{NearestHeap, PhotonMap, Site};
 pub use photon::Photon;
-pub use trace::Photons;
+pub use trace::{Photons, TooManyPhotons};
 
 use super::IntegratorError;
 use super::parameters::{PathLength, bad, unknown};
@@ -79,6 +86,16 @@ pub enum Mode {
     Caustic,
 }
 
+/// What the image shows.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
+pub enum Show {
+    /// Radiance.
+    #[default]
+    Radiance,
+    /// The photons themselves, each a dot.
+    Photons,
+}
+
 /// Parameters.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct PhotonMapper {
@@ -97,6 +114,8 @@ pub struct PhotonMapper {
     pub mode: Mode,
     /// Rays that a first surface sends out to look the map up elsewhere; 0 looks it up where it is.
     pub final_gather: u32,
+    /// What the image shows.
+    pub show: Show,
 }
 
 /// Limits on what a parameter may ask for.
@@ -121,6 +140,7 @@ impl PhotonMapper {
             direct: Direct::default(),
             mode: Mode::default(),
             final_gather: 0,
+            show: Show::default(),
         };
         let (mut alpha, mut radius) = (0.7, None);
         let (mut by_radius, mut k) = (is_progressive, None);
@@ -144,11 +164,17 @@ impl PhotonMapper {
                     };
                 }
                 "radius" => {
-                    let parsed = value.parse().ok().filter(|r: &f32| r.is_finite() && *r > 0.0);
-                    radius =
-                        Some(parsed.ok_or_else(|| {
-                            bad("radius", value, "a positive, finite length in world units")
-                        })?);
+                    // Squares and their inverses are in range then.
+                    let parsed = value.parse().ok().filter(|r: &f32| (1e-18..=1e18).contains(r));
+                    let expected = "a positive, finite length in world units, from 1e-18 to 1e18";
+                    radius = Some(parsed.ok_or_else(|| bad("radius", value, expected))?);
+                }
+                "show" => {
+                    this.show = match value.as_str() {
+                        "radiance" => Show::Radiance,
+                        "photons" => Show::Photons,
+                        _ => return Err(bad("show", value, "`radiance` or `photons`")),
+                    };
                 }
                 "final_gather" => {
                     this.final_gather = integer("final_gather", value, 0..=MAX_GATHER, "from 0 to 65536")?;
@@ -167,13 +193,11 @@ impl PhotonMapper {
                 "k" if !is_progressive => k = Some(integer("k", value, 1..=MAX_NEAREST, "from 1 to 2^20")?),
                 _ if this.length.read(parameter, value)? => {}
                 _ if is_progressive => {
-                    let known =
-                        "max_depth, rr_depth, photons, radius, alpha, filter, direct, mode, final_gather";
+                    let known = "max_depth, rr_depth, photons, radius, alpha, filter, direct, mode, final_gather, show";
                     return Err(unknown(name, parameter, known));
                 }
                 _ => {
-                    let known =
-                        "max_depth, rr_depth, photons, lookup, k, radius, filter, direct, mode, final_gather";
+                    let known = "max_depth, rr_depth, photons, lookup, k, radius, filter, direct, mode, final_gather, show";
                     return Err(unknown(name, parameter, known));
                 }
             }
@@ -216,7 +240,24 @@ impl PhotonMapper {
             (Mode::Full, Direct::Nee) => format!("direct=nee,final_gather={}", self.final_gather),
         };
         let (length, photons, filter) = (self.length.describe(), self.photons, self.filter.name());
-        format!("{name}:{length},photons={photons},{lookup},filter={filter},{kind}")
+        let show = if self.show == Show::Photons { ",show=photons" } else { "" };
+        format!("{name}:{length},photons={photons},{lookup},filter={filter},{kind}{show}")
+    }
+
+    /// All parameters that photons depend on, before they are looked up. `rr_depth` is that of eye paths.
+    pub fn describe_photons(&self) -> String {
+        let max_depth = self.length.max_depth.map_or(-1, i64::from);
+        let kinds = match self.mode {
+            Mode::Caustic => "caustic",
+            Mode::Full if self.stores_direct() => "all",
+            Mode::Full => "indirect",
+        };
+        format!("max_depth={max_depth},photons={},stored={kinds}", self.photons)
+    }
+
+    /// Whether photons that come straight from a light are looked up.
+    fn stores_direct(&self) -> bool {
+        self.mode == Mode::Full && (self.direct == Direct::Photons || self.final_gather > 0)
     }
 }
 

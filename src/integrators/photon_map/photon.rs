@@ -37,6 +37,27 @@ impl Photon {
         Self { position, power, direction: encode(wi, DIRECTION_BITS), normal_and_path }
     }
 
+    /// The record as bytes, for files.
+    pub(super) fn to_le_bytes(self) -> [u8; size_of::<Self>()] {
+        let Self { position, power, direction, normal_and_path } = self;
+        let floats = [position, power].map(|v| v.to_array().map(f32::to_bits));
+        let words = floats.into_iter().flatten().chain([direction, normal_and_path]);
+        let mut bytes = [0; size_of::<Self>()];
+        for (place, word) in bytes.as_chunks_mut().0.iter_mut().zip(words) {
+            *place = word.to_le_bytes();
+        }
+        bytes
+    }
+
+    /// The record that [`to_le_bytes`](Self::to_le_bytes) wrote; `None` if it is not finite, as no photon is.
+    pub(super) fn from_le_bytes(bytes: &[u8; size_of::<Self>()]) -> Option<Self> {
+        let word = |i: usize| u32::from_le_bytes(bytes.as_chunks().0[i]);
+        let vector = |i| Vec3::from_array([i, i + 1, i + 2].map(|i| f32::from_bits(word(i))));
+        let this =
+            Self { position: vector(0), power: vector(3), direction: word(6), normal_and_path: word(7) };
+        (this.position.is_finite() && this.power.is_finite()).then_some(this)
+    }
+
     /// Unit direction that it came from, away from the surface.
     #[inline]
     pub fn wi(&self) -> Vec3 {

@@ -1,5 +1,7 @@
 //! Phase 1: photons are sent out and stored, and how a pass looks them up is settled.
 
+use std::sync::atomic::{AtomicUsize, Ordering};
+
 use rayon::prelude::*;
 
 use super::super::light_path::{self, Landing};
@@ -7,7 +9,7 @@ use super::super::pass::Pass;
 use super::kernel::Filter;
 use super::map::PhotonMap;
 use super::photon::Photon;
-use super::{Direct, Lookup, Mode, PhotonMapper};
+use super::{Lookup, Mode, PhotonMapper};
 use crate::query::RayQuery;
 use crate::scene::Rgb;
 
@@ -16,6 +18,44 @@ const PATHS_PER_TASK: u32 = 4096;
 
 /// Radius of the disc by default, in radii of the sphere around scene and camera.
 const DEFAULT_RADIUS: f32 = 1.0 / 200.0;
+
+/// Photons that a pass may store, 2 GiB of them; their number follows from the scene only when they are traced.
+const MAX_STORED: usize = 1 << 26;
+
+/// A pass would store more photons than there may be.
+#[derive(Debug, Clone, PartialEq, Eq, thiserror::Error)]
+#[error("more than {limit} photons ({} MiB) would be stored in a pass; emit fewer in each (photons=) and make more passes", (limit * size_of::<Photon>()) >> 20)]
+pub struct TooManyPhotons {
+    /// Most photons that may be stored.
+    pub limit: usize,
+}
+
+/// Sends out `count` photons by `trace`, which stores them and returns the number of rays, on all threads; stops soon after there are more than `limit`.
+/// They are in the order of their slots.
+fn collect(
+    count: u32,
+    limit: usize,
+    trace: impl Fn(u32, &mut Vec<Photon>) -> u64 + Sync,
+) -> Result<(Vec<Photon>, u64), TooManyPhotons> {
+    let total = AtomicUsize::new(0);
+    let run = |task: u32| {
+        let (mut stored, mut rays) = (Vec::new(), 0);
+        let first = task * PATHS_PER_TASK;
+        for slot in first..(first + PATHS_PER_TASK).min(count) {
+            rays += trace(slot, &mut stored);
+        }
+        let before = total.fetch_add(stored.len(), Ordering::Relaxed);
+        if before + stored.len() > limit { Err(TooManyPhotons { limit }) } else { Ok((stored, rays)) }
+    };
+    let tasks: Vec<_> =
+        (0..count.div_ceil(PATHS_PER_TASK)).into_par_iter().map(run).collect::<Result<_, _>>()?;
+    let rays = tasks.iter().map(|(_, rays)| rays).sum();
+    let mut photons = Vec::with_capacity(total.into_inner());
+    for (stored, _) in tasks {
+        photons.extend(stored);
+    }
+    Ok((photons, rays))
+}
 
 /// The photons of a pass and how they are looked up.
 #[derive(Debug)]
@@ -47,35 +87,41 @@ impl Photons {
 
 impl PhotonMapper {
     /// The photons of a pass: a function of the pass alone, however many threads trace them.
-    pub(in crate::integrators) fn photons<Q: RayQuery>(&self, pass: &Pass<Q>) -> Photons {
-        let tasks: Vec<(Vec<Photon>, u64)> = (0..self.photons.div_ceil(PATHS_PER_TASK))
-            .into_par_iter()
-            .map(|task| {
-                let (mut stored, mut rays) = (Vec::new(), 0);
-                let first = task * PATHS_PER_TASK;
-                for slot in first..(first + PATHS_PER_TASK).min(self.photons) {
-                    rays += self.trace_photon(pass, slot, &mut stored);
-                }
-                (stored, rays)
-            })
-            .collect();
-        let rays = tasks.iter().map(|(_, rays)| rays).sum();
-        let mut photons = Vec::with_capacity(tasks.iter().map(|(stored, _)| stored.len()).sum());
-        for (stored, _) in tasks {
-            photons.extend(stored);
-        }
+    pub(in crate::integrators) fn photons<Q: RayQuery>(
+        &self,
+        pass: &Pass<Q>,
+    ) -> Result<Photons, TooManyPhotons> {
+        let (photons, rays) = self.trace(pass)?;
+        Ok(self.look_up(pass, PhotonMap::new(photons), rays))
+    }
+
+    /// Sends out all photons of a pass, on all threads. Returns those that were stored, in the order of their slots, and the number of rays.
+    ///
+    /// # Errors
+    /// If there are too many.
+    pub fn trace<Q: RayQuery>(&self, pass: &Pass<Q>) -> Result<(Vec<Photon>, u64), TooManyPhotons> {
+        let trace = |slot, stored: &mut _| self.trace_photon(pass, slot, stored);
+        collect(self.photons, MAX_STORED, trace)
+    }
+
+    /// A map as the pass looks it up.
+    pub(in crate::integrators) fn look_up<Q>(&self, pass: &Pass<Q>, map: PhotonMap, rays: u64) -> Photons {
         let scale = DEFAULT_RADIUS * pass.world.bounds.radius;
+        let disc = |radius: f32, shrunk: f64| {
+            let radius_squared = (f64::from(radius).powi(2) * shrunk) as f32;
+            // Of scenes beyond all measure too, and after any number of passes, it is a number that can be divided by.
+            Disc::Radius { radius_squared: radius_squared.clamp(f32::MIN_POSITIVE, f32::MAX) }
+        };
         let disc = match self.lookup {
             Lookup::Nearest { k, radius } => {
                 Disc::Nearest { k: k as usize, radius_squared: radius.map_or(f32::INFINITY, |r| r * r) }
             }
-            Lookup::Radius(radius) => Disc::Radius { radius_squared: radius.unwrap_or(scale).powi(2) },
+            Lookup::Radius(radius) => disc(radius.unwrap_or(scale), 1.0),
             Lookup::Shrinking { radius, alpha } => {
-                let shrunk = shrink(f64::from(alpha), pass.index);
-                Disc::Radius { radius_squared: (f64::from(radius.unwrap_or(scale)).powi(2) * shrunk) as f32 }
+                disc(radius.unwrap_or(scale), shrink(f64::from(alpha), pass.index))
             }
         };
-        Photons { map: PhotonMap::new(photons), rays, disc, filter: self.filter }
+        Photons { map, rays, disc, filter: self.filter }
     }
 
     /// Sends out the photon of a slot and stores it where it goes. Returns the number of rays traced.
@@ -101,7 +147,7 @@ impl PhotonMapper {
     fn stores(&self, depth: u32, is_specular: bool) -> bool {
         match self.mode {
             Mode::Caustic => is_specular && depth > 1,
-            Mode::Full => depth > 1 || self.direct == Direct::Photons || self.final_gather > 0,
+            Mode::Full => depth > 1 || self.stores_direct(),
         }
     }
 }
@@ -127,7 +173,29 @@ fn shrink(alpha: f64, index: u32) -> f64 {
 
 #[cfg(test)]
 mod tests {
-    use super::shrink;
+    use std::sync::atomic::{AtomicU32, Ordering};
+
+    use glam::Vec3;
+
+    use super::{Photon, TooManyPhotons, collect, shrink};
+
+    /// An error as soon as there are too many, long before all are traced; in order of their slots else.
+    #[test]
+    fn photons_are_limited() {
+        let traced = AtomicU32::new(0);
+        let trace = |slot: u32, stored: &mut Vec<Photon>| {
+            traced.fetch_add(1, Ordering::Relaxed);
+            let photon = Photon::new(Vec3::X * slot as f32, Vec3::ONE, Vec3::Z, Vec3::Z, 1, true);
+            stored.extend([photon; 3]);
+            2
+        };
+        let (photons, rays) = collect(20_000, 60_000, trace).expect("as many as there may be");
+        assert_eq!((photons.len(), rays), (60_000, 40_000));
+        assert!(photons.iter().enumerate().all(|(i, p)| p.position.x == (i / 3) as f32));
+        traced.store(0, Ordering::Relaxed);
+        assert_eq!(collect(1 << 28, 59_999, trace), Err(TooManyPhotons { limit: 59_999 }));
+        assert!(traced.into_inner() < 1 << 24);
+    }
 
     /// The recursion of Knaus and Zwicker, eq. 11, done step by step.
     #[test]

@@ -1,4 +1,4 @@
-//! Shapes as Embree geometries: meshes share their buffers, analytic shapes answer through callbacks.
+//! Meshes and analytic shapes as Embree geometries: meshes share their buffers, analytic shapes answer through callbacks.
 
 use std::mem::size_of;
 use std::ptr;
@@ -10,7 +10,7 @@ use super::{EmbreeError, Scene, ffi};
 use crate::query::{Ray, analytic};
 use crate::scene::{AnalyticShape, Geometry, TriangleMesh};
 
-/// Adds a shape to the scene as geometry `id`. Embree gets pointers into `geometry`.
+/// Adds a shape to the scene as geometry `id`, unless it is an instance. Embree gets pointers into `geometry`.
 ///
 /// # Safety
 /// `geometry` must outlive `scene`, in place and unchanged.
@@ -23,6 +23,7 @@ pub(super) unsafe fn attach(
     let kind = match geometry {
         // Embree has no geometry without primitives.
         Geometry::Mesh(mesh) if mesh.triangles().is_empty() => return Ok(()),
+        Geometry::Instance(_) => return Ok(()),
         Geometry::Mesh(_) => ffi::RTC_GEOMETRY_TYPE_TRIANGLE,
         Geometry::Analytic(_) => ffi::RTC_GEOMETRY_TYPE_USER,
     };
@@ -34,6 +35,7 @@ pub(super) unsafe fn attach(
         match geometry {
             Geometry::Mesh(mesh) => set_triangles(handle, mesh),
             Geometry::Analytic(shape) => set_analytic(handle, shape),
+            Geometry::Instance(_) => {}
         }
         ffi::rtcCommitGeometry(handle);
         ffi::rtcAttachGeometryByID(scene.0, handle, id);
@@ -124,6 +126,8 @@ unsafe extern "C" fn intersect(args: *const ffi::RTCIntersectFunctionNArguments)
         query.hit.v = 0.0;
         query.hit.primID = args.primID;
         query.hit.geomID = args.geomID;
+        // SAFETY: as above; Embree keeps in its context which instance is being traversed.
+        query.hit.instID = unsafe { (*args.context).instID };
     }
 }
 
@@ -143,7 +147,7 @@ unsafe extern "C" fn occluded(args: *const ffi::RTCOccludedFunctionNArguments) {
 }
 
 /// Undoes [`closed_interval`](super::closed_interval): Embree's `tnear <= t <= tfar` as `t_min < t < t_max`.
-fn open_interval(ray: &ffi::RTCRay) -> Ray {
+pub(super) fn open_interval(ray: &ffi::RTCRay) -> Ray {
     Ray {
         o: Vec3::new(ray.org_x, ray.org_y, ray.org_z),
         d: Vec3::new(ray.dir_x, ray.dir_y, ray.dir_z),

@@ -7,8 +7,8 @@
 mod device;
 mod ffi;
 mod geometry;
+mod instances;
 
-use std::marker::PhantomData;
 use std::ptr;
 
 use glam::Vec3;
@@ -17,6 +17,7 @@ use thiserror::Error;
 use super::{BuildQuality, Hit, Ray, RayQuery};
 use crate::scene::{Aabb, Geometry, Shape, TriangleMesh};
 use device::Device;
+use instances::Instances;
 
 /// Hits nearer than this do not count. It is far below what Embree's tests resolve, and there so that `tnear` and its
 /// products in those tests are no denormals, which cost up to a quarter of the speed. (Flushing denormals to zero would
@@ -87,12 +88,13 @@ impl Drop for Scene {
     }
 }
 
-/// Shapes as a committed Embree scene. Geometry ids are indices of shapes.
+/// Shapes as a committed Embree scene. Geometry ids are indices of shapes; the one after them stands for all instances.
 pub struct EmbreeQuery<'s> {
-    // Dropped in this order: the scene before its device, both before the borrow of the shapes ends.
+    // Dropped in this order: the scene before what it points to and before its device.
     scene: Scene,
+    instances: Instances<'s>,
     device: Device,
-    shapes: PhantomData<&'s [Shape]>,
+    shapes: &'s [Shape],
     bounds: Aabb,
 }
 
@@ -109,21 +111,49 @@ impl<'s> EmbreeQuery<'s> {
     /// If the library does not suit, a shape is out of range, or Embree fails, for instance for want of memory.
     pub fn new(shapes: &'s [Shape], settings: EmbreeSettings) -> Result<Self, EmbreeError> {
         let device = Device::new(rayon::current_num_threads())?;
+        // Before the scene, so that it is dropped after it if something fails.
+        let instances = Instances::new(&device, shapes, settings)?;
         // SAFETY: the device is live.
         let scene = Scene(unsafe { ffi::rtcNewScene(device.handle()) });
         device.check("rtcNewScene")?;
-        for (id, shape) in shapes.iter().enumerate() {
-            check_range(shape)?;
-            // SAFETY: the shapes are borrowed for 's, which `EmbreeQuery` and with it the scene cannot outlive.
-            unsafe { geometry::attach(&device, &scene, id as u32, &shape.geometry)? };
+        // SAFETY: the shapes are borrowed for 's, which `EmbreeQuery` and with it the scene cannot outlive; the scene is dropped before
+        // `instances`.
+        unsafe {
+            add_shapes(&device, &scene, shapes)?;
+            instances.attach(&device, &scene, shapes.len() as u32)?;
         }
         commit(&device, &scene, settings)?;
         let bounds = shapes.iter().fold(Aabb::EMPTY, |bounds, shape| bounds.union(shape.geometry.bounds()));
-        Ok(Self { scene, device, shapes: PhantomData, bounds })
+        Ok(Self { scene, instances, device, shapes, bounds })
+    }
+
+    /// Index of the shape and the primitive of a hit on an instance.
+    #[cold]
+    #[inline(never)]
+    fn in_instance(&self, hit: &ffi::RTCHit) -> (u32, u32) {
+        let shape = hit.instID[0];
+        let first = match &self.shapes[shape as usize].geometry {
+            Geometry::Instance(instance) => instance.group().first_primitive(hit.geomID),
+            Geometry::Mesh(_) | Geometry::Analytic(_) => 0,
+        };
+        (shape, first + hit.primID)
     }
 }
 
-/// Meshes are in range by construction; Embree would leave out an analytic shape that is not, without a word.
+/// Adds all but instances to a scene, with their indices as geometry ids.
+///
+/// # Safety
+/// `shapes` must outlive `scene`, in place and unchanged.
+unsafe fn add_shapes(device: &Device, scene: &Scene, shapes: &[Shape]) -> Result<(), EmbreeError> {
+    for (shape, id) in shapes.iter().zip(0..) {
+        check_range(shape)?;
+        // SAFETY: this function's own contract.
+        unsafe { geometry::attach(device, scene, id, &shape.geometry)? };
+    }
+    Ok(())
+}
+
+/// Meshes and instances are in range by construction; Embree would leave out an analytic shape that is not, without a word.
 fn check_range(shape: &Shape) -> Result<(), EmbreeError> {
     let Geometry::Analytic(analytic) = &shape.geometry else { return Ok(()) };
     let Aabb { min, max } = analytic.bounds();
@@ -189,20 +219,20 @@ impl RayQuery for EmbreeQuery<'_> {
     fn intersect(&self, ray: &Ray) -> Option<Hit> {
         let ray = closed_interval(ray)?;
         let (tnear, tfar) = (ray.tnear, ray.tfar);
-        let hit = ffi::RTCHit { geomID: ffi::RTC_INVALID_GEOMETRY_ID, ..Default::default() };
+        let none = ffi::RTC_INVALID_GEOMETRY_ID;
+        let hit = ffi::RTCHit { geomID: none, instID: [none], ..Default::default() };
         let mut query = ffi::RTCRayHit { ray, hit };
         // SAFETY: the scene is committed; `query` has the size and alignment of the header's struct.
         unsafe { ffi::rtcIntersect1(self.scene.0, &raw mut query, ptr::null_mut()) };
-        if query.hit.geomID == ffi::RTC_INVALID_GEOMETRY_ID {
+        if query.hit.geomID == none {
             return None;
         }
-        Some(Hit {
-            shape: query.hit.geomID,
-            primitive: query.hit.primID,
-            u: query.hit.u,
-            v: query.hit.v,
-            t: query.ray.tfar.clamp(tnear, tfar),
-        })
+        let (shape, primitive) = if query.hit.instID[0] == none {
+            (query.hit.geomID, query.hit.primID)
+        } else {
+            self.in_instance(&query.hit)
+        };
+        Some(Hit { shape, primitive, u: query.hit.u, v: query.hit.v, t: query.ray.tfar.clamp(tnear, tfar) })
     }
 
     #[inline(always)]
@@ -218,7 +248,7 @@ impl RayQuery for EmbreeQuery<'_> {
     }
 
     fn memory(&self) -> usize {
-        self.device.memory()
+        self.device.memory() + self.instances.memory()
     }
 
     fn name(&self) -> String {

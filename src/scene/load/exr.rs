@@ -13,11 +13,12 @@ use super::{LoadError, Location, Log};
 use crate::scene::{Image, Texels};
 
 /// Whether a file starts as `OpenEXR` does.
-pub(super) fn is_exr(bytes: &[u8]) -> bool {
+pub(crate) fn is_exr(bytes: &[u8]) -> bool {
     bytes.starts_with(&[0x76, 0x2f, 0x31, 0x01])
 }
 
-pub(super) fn decode(path: &Path, bytes: &[u8], content: Content, log: &mut Log) -> Result<Image, LoadError> {
+/// All parts of a file at full resolution, after a check that the file is long enough for what its header claims.
+pub(crate) fn read_parts(path: &Path, bytes: &[u8]) -> Result<exr::image::FlatImage, LoadError> {
     let broken = |e: exr::error::Error| refuse(path, format!("a broken OpenEXR image ({e})"));
     let meta = exr::meta::MetaData::read_from_buffered(Cursor::new(bytes), false).map_err(broken)?;
     let claim = meta.headers.iter().map(|h| {
@@ -25,7 +26,7 @@ pub(super) fn decode(path: &Path, bytes: &[u8], content: Content, log: &mut Log)
         pixels.saturating_mul(h.channels.bytes_per_pixel as u64)
     });
     check_claim(path, bytes.len(), claim.fold(0, u64::saturating_add))?;
-    let image = lib::read()
+    lib::read()
         .no_deep_data()
         .largest_resolution_level()
         .all_channels()
@@ -33,7 +34,11 @@ pub(super) fn decode(path: &Path, bytes: &[u8], content: Content, log: &mut Log)
         .all_attributes()
         .non_parallel()
         .from_buffered(Cursor::new(bytes))
-        .map_err(broken)?;
+        .map_err(broken)
+}
+
+pub(super) fn decode(path: &Path, bytes: &[u8], content: Content, log: &mut Log) -> Result<Image, LoadError> {
+    let image = read_parts(path, bytes)?;
     for layer in &image.layer_data {
         let Some(channels) = choose(&layer.channel_data.list, content) else { continue };
         if layer.channel_data.list.iter().any(|c| c.name.eq("RY")) {

@@ -1,8 +1,8 @@
 //! What a mesh file holds, before it is placed in the world; shared by all mesh formats.
 
-use glam::{DAffine3, DVec3, Vec2, Vec3};
+use glam::{DAffine3, Vec2, Vec3};
 
-use super::polygon;
+use super::{polygon, smooth};
 use crate::scene::mesh::normal_matrix;
 use crate::scene::{MeshAttribute, MeshError, TriangleMesh};
 
@@ -19,14 +19,17 @@ pub(super) struct RawMesh {
 }
 
 /// What becomes of normals that are missing from the file.
-#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+#[derive(Debug, Clone, Copy, PartialEq)]
 pub(super) enum Normals {
     /// The file's, else flat.
     Given,
-    /// The file's, else smooth (Mitsuba's default).
+    /// The file's, else smooth (Mitsuba's default); where it has some, smooth where they are missing or zero.
     GivenOrSmooth,
     /// Flat, even if the file has normals (Mitsuba's `face_normals`).
     Flat,
+    /// Smooth but for creases, even if the file has normals: between triangles whose planes make a greater angle than this, in radians
+    /// (Mitsuba 0.6's `maxSmoothAngle`).
+    Creased(f64),
 }
 
 /// How a mesh file becomes a shape.
@@ -68,8 +71,11 @@ impl RawMesh {
                 *p = to_world.transform_point3(p.as_dvec3()).as_vec3();
             }
         }
-        if normals == Normals::Flat {
+        if matches!(normals, Normals::Flat | Normals::Creased(_)) {
             self.normals.clear();
+        }
+        if let Normals::Creased(angle) = normals {
+            smooth::split_creases(&mut self, angle);
         }
         let normal_to_world = normal_matrix(&to_world.matrix3);
         for n in &mut self.normals {
@@ -78,8 +84,18 @@ impl RawMesh {
         for value in self.attributes.iter_mut().flat_map(|a| &mut a.values).filter(|v| !v.is_finite()) {
             *value = 0.0;
         }
-        if normals == Normals::GivenOrSmooth && self.normals.is_empty() {
-            self.normals = smooth_normals(&self.positions, &self.triangles);
+        match normals {
+            Normals::Creased(_) => self.normals = smooth::normals(&self.positions, &self.triangles),
+            Normals::GivenOrSmooth if self.normals.is_empty() => {
+                self.normals = smooth::normals(&self.positions, &self.triangles);
+            }
+            Normals::GivenOrSmooth if self.normals.contains(&Vec3::ZERO) => {
+                let smooth = smooth::normals(&self.positions, &self.triangles);
+                for (n, smooth) in self.normals.iter_mut().zip(smooth) {
+                    *n = if *n == Vec3::ZERO { smooth } else { *n };
+                }
+            }
+            _ => {}
         }
         for uv in &mut self.uvs {
             let flipped = if flip_v { Vec2::new(uv.x, 1.0 - uv.y) } else { *uv };
@@ -88,23 +104,4 @@ impl RawMesh {
         TriangleMesh::new(self.positions, self.triangles, self.normals, self.uvs, flip_normals)?
             .with_attributes(self.attributes)
     }
-}
-
-/// Normals of vertices as the mean of their triangles' normals, weighted by angle (Thuermer and Wuethrich 1998,
-/// "Computing vertex normals from polygonal facets"), as Mitsuba computes them.
-fn smooth_normals(positions: &[Vec3], triangles: &[[u32; 3]]) -> Vec<Vec3> {
-    let mut sums = vec![DVec3::ZERO; positions.len()];
-    for t in triangles {
-        // Indices out of range are reported when the mesh is built.
-        let [Some(&a), Some(&b), Some(&c)] = t.map(|i| positions.get(i as usize)) else { continue };
-        let corners = [a, b, c].map(Vec3::as_dvec3);
-        let Some(normal) = (corners[1] - corners[0]).cross(corners[2] - corners[0]).try_normalize() else {
-            continue;
-        };
-        for k in 0..3 {
-            let (p, q, r) = (corners[k], corners[(k + 1) % 3], corners[(k + 2) % 3]);
-            sums[t[k] as usize] += normal * (q - p).angle_between(r - p);
-        }
-    }
-    sums.into_iter().map(|n| n.normalize_or_zero().as_vec3()).collect()
 }

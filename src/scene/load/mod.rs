@@ -7,7 +7,7 @@
 //! Loaders do not judge what the renderer makes of a scene: integrators stay text, and nothing is derived.
 
 mod error;
-mod exr;
+pub(crate) mod exr;
 mod image;
 mod mesh;
 pub mod mitsuba;
@@ -16,6 +16,7 @@ mod obj;
 mod ply;
 mod polygon;
 mod serialized;
+mod smooth;
 
 pub use error::{LoadError, Location, Position, Severity, Warning};
 

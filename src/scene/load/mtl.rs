@@ -1,7 +1,7 @@
 //! MTL material libraries of OBJ files, and what becomes of their materials.
 //!
 //! MTL describes looks for a fixed-function pipeline, not physical materials, so the translation is a choice:
-//! 1. `Ke` above 0: an area light of that radiance, whatever the surface reflects.
+//! 1. `Ke` above 0 or `map_Ke`: an area light of that radiance, `map_Ke` times `Ke` unless that is 0, whatever the surface reflects.
 //! 2. `d` below 1 (or `Tr` above 0) with an `Ni` other than 1 and without `map_d`: a smooth dielectric of that index.
 //! 3. Else `Ks` above 0 with `Kd` 0: a metal that reflects `Ks`; smooth if `illum` is 3 or 5 (the ray-traced models) or
 //!    `Ns` is 1000, the format's highest; else GGX with alpha = sqrt(2 / (Ns + 2)) (Walter et al. 2007, section 5.2).
@@ -13,6 +13,7 @@
 //! Reflecting materials are two-sided. `map_Kd` is multiplied by `Kd` as the format says, unless that is 0; `map_Ks` colours
 //! metals. Of the options of maps, `-s`, `-o`, `-clamp` and `-bm` count. Other maps are not read.
 
+use std::collections::HashSet;
 use std::fmt::Write;
 use std::io::Cursor;
 use std::path::{Path, PathBuf};
@@ -25,10 +26,19 @@ use crate::scene::{
     Bitmap, Input, Material, MaterialId, Microfacet, Perturbation, Rgb, TexelFilter, Texture, TextureId, Wrap,
 };
 
-/// The library or libraries that a `mtllib` line names. What is missing or malformed is a warning.
-pub(super) fn load(obj: &Path, names: &Path, log: &mut Log) -> tobj::MTLLoadResult {
+/// The library or libraries that a `mtllib` line names, except those that were `read` before: a small file could name a large one without
+/// end. What is missing or malformed is a warning.
+pub(super) fn load(
+    obj: &Path,
+    names: &str,
+    read: &mut HashSet<PathBuf>,
+    log: &mut Log,
+) -> tobj::MTLLoadResult {
     let mut text = String::new();
-    for path in find(obj, &names.to_string_lossy()) {
+    for path in find(obj, names) {
+        if !read.insert(path.canonicalize().unwrap_or_else(|_| path.clone())) {
+            continue;
+        }
         match log.read(&path, None) {
             Ok(bytes) => sound_lines(&path, &String::from_utf8_lossy(&bytes), &mut text, log),
             Err(e) => log.warn(
@@ -104,7 +114,7 @@ impl<'a> Translator<'a> {
         &mut self,
         material: &tobj::Material,
         log: &mut Log,
-    ) -> (MaterialId, Option<Rgb>) {
+    ) -> (MaterialId, Option<Input<Rgb>>) {
         let warn = |log: &mut Log, message: &str| {
             log.warn(Location::file(self.obj), format!("material `{}`: {message}", material.name));
         };
@@ -114,7 +124,12 @@ impl<'a> Translator<'a> {
         let albedo = |c: Option<[f32; 3]>| c.map(|c| Vec3::from(c).clamp(Vec3::ZERO, Vec3::ONE));
         let diffuse = albedo(material.diffuse);
         let specular = albedo(material.specular).unwrap_or(Vec3::ZERO);
-        let emission = material.emissive.map(|c| Vec3::from(c).max(Vec3::ZERO)).filter(|c| *c != Vec3::ZERO);
+        let radiance = material.emissive.map(|c| Vec3::from(c).max(Vec3::ZERO)).filter(|c| *c != Vec3::ZERO);
+        let emission_map = material.unknown_param.get("map_Ke").map(String::as_str);
+        let emission = match self.map(material, emission_map, Content::Color, false, log) {
+            Some((texture, _)) => Some(self.scaled(Some(texture), radiance.unwrap_or(Vec3::ONE))),
+            None => radiance.map(Input::Constant),
+        };
         let transparency = material.unknown_param.get("Tr").and_then(|t| t.parse::<f32>().ok());
         let opacity = material.dissolve.unwrap_or(1.0 - transparency.unwrap_or(0.0)).clamp(0.0, 1.0);
         let ior = material.optical_density.filter(|&n| n > 0.0 && n != 1.0);
@@ -278,7 +293,7 @@ fn unread_maps(m: &tobj::Material) -> Vec<&str> {
         .unknown_param
         .keys()
         .map(String::as_str)
-        .filter(|k| k.starts_with("map_") || *k == "norm")
+        .filter(|k| (k.starts_with("map_") && *k != "map_Ke") || *k == "norm")
         .collect();
     maps.extend(m.shininess_texture.as_ref().map(|_| "map_Ns"));
     maps.sort_unstable();

@@ -4,6 +4,7 @@
 //! several times the memory. Vertex positions, normals and texture coordinates are used, and faces; numbered
 //! properties of either are kept as attributes; other elements and properties are skipped.
 
+use std::collections::HashMap;
 use std::io::{BufRead, Cursor, ErrorKind};
 use std::path::Path;
 
@@ -13,6 +14,7 @@ use ply_rs_bw::ply::{
     ElementDef, Encoding, Header, Property, PropertyAccess, PropertyAccessResult, PropertyType, ScalarType,
 };
 
+use super::error::abridged;
 use super::mesh::{Placement, RawMesh};
 use super::{GREY, LoadError, Location, Log, mesh_scene, push_two_sided};
 use crate::scene::{Geometry, MeshAttribute, MeshError, Scene, Shape};
@@ -85,11 +87,17 @@ fn load(path: &Path, bytes: &[u8], placement: &Placement, log: &mut Log) -> Resu
 
 /// Refuses what has no vertices, no faces or no positions before a payload is read.
 fn check_header(path: &Path, header: &Header) -> Result<(), LoadError> {
-    let names: Vec<String> = header.elements.values().map(|e| format!("{} {}", e.count, e.name)).collect();
+    let mut names = header.elements.values().flat_map(|e| e.properties.keys().chain([&e.name]));
+    if let Some(name) = names.find(|name| name.len() > MAX_NAME) {
+        let found = format!("a name of {} bytes", name.len());
+        return Err(LoadError::new(Location::file(path), found, format!("at most {MAX_NAME}")));
+    }
+    let names: Vec<String> =
+        header.elements.values().take(8).map(|e| format!("{} {}", e.count, e.name)).collect();
     let missing = |expected: &str| {
         Err(LoadError::new(
             Location::file(path),
-            format!("a PLY file with elements [{}]", names.join(", ")),
+            format!("a PLY file with elements [{}]", abridged(&names.join(", "))),
             expected,
         ))
     };
@@ -183,76 +191,98 @@ impl Body<'_> {
 /// make `vertex_color`; r, g and b by themselves too.
 struct AttributeFields {
     name: String,
-    fields: Vec<String>,
+    /// Which of the element's [`Extra`] values.
+    fields: Vec<usize>,
     /// Bytes stand for 0 to 1.
-    factor: f32,
+    factors: Vec<f32>,
 }
 
-fn attribute_fields(element: &ElementDef, prefix: &str) -> Vec<AttributeFields> {
+/// The attribute that a property is a part of.
+fn attribute_name(property: &str) -> Option<&str> {
     const DIGITS: [&str; 4] = ["0123", "1234", "xyzw", "rgba"];
+    match property {
+        "r" | "g" | "b" => Some("color"),
+        _ => property
+            .rsplit_once('_')
+            .filter(|(_, digit)| digit.len() == 1 && DIGITS.iter().any(|d| d.contains(digit)))
+            .map(|(name, _)| name),
+    }
+}
+
+/// The runs of properties that are attributes of an element.
+fn attribute_fields(element: &ElementDef, prefix: &str) -> Vec<AttributeFields> {
     let mut found: Vec<AttributeFields> = Vec::new();
+    let mut index: HashMap<&str, usize> = HashMap::new();
+    let mut position = 0;
     for (field, property) in &element.properties {
         let PropertyType::Scalar(scalar) = &property.data_type else { continue };
-        let name = match field.as_str() {
-            "r" | "g" | "b" => "color",
-            _ => match field.rsplit_once('_') {
-                Some((name, digit)) if digit.len() == 1 && DIGITS.iter().any(|d| d.contains(digit)) => name,
-                _ => continue,
-            },
-        };
+        let Some(name) = attribute_name(field) else { continue };
         let factor = if matches!(scalar, ScalarType::UChar) { 1.0 / 255.0 } else { 1.0 };
-        let name = format!("{prefix}_{name}");
-        match found.iter_mut().find(|a| a.name == name) {
-            Some(attribute) if attribute.fields.len() < 4 => attribute.fields.push(field.clone()),
-            Some(_) => {}
-            None => found.push(AttributeFields { name, fields: vec![field.clone()], factor }),
+        let at = *index.entry(name).or_insert(found.len());
+        if at == found.len() {
+            found.push(AttributeFields {
+                name: format!("{prefix}_{name}"),
+                fields: Vec::new(),
+                factors: Vec::new(),
+            });
         }
+        if found[at].fields.len() < 4 {
+            found[at].fields.push(position);
+            found[at].factors.push(factor);
+        }
+        position += 1;
     }
     found
 }
 
-/// Values of the attributes of one element, in the order of their fields; kept by the reader of each element.
+/// Values of all properties of one element that are parts of attributes, in the order of the header.
 #[derive(Default)]
-struct Extra(Vec<(String, f32)>);
+struct Extra(Vec<f32>);
 
 impl Extra {
     fn set(&mut self, name: &str, property: &Property) -> PropertyAccessResult {
-        let Some(value) = property.to_f32_lossy() else { return PropertyAccessResult::Ignored };
-        self.0.push((name.to_owned(), value));
-        PropertyAccessResult::Set
+        match property.to_f32_lossy().filter(|_| attribute_name(name).is_some()) {
+            Some(value) => {
+                self.0.push(value);
+                PropertyAccessResult::Set
+            }
+            None => PropertyAccessResult::Ignored,
+        }
     }
 
     /// Appends the values, `times` times, to those of the elements before.
-    fn append(&self, fields: &[AttributeFields], attributes: &mut [MeshAttribute], times: usize) {
-        for (attribute, AttributeFields { fields, factor, .. }) in attributes.iter_mut().zip(fields) {
-            let value = |field: &String| {
-                self.0.iter().find(|(name, _)| name == field).map_or(0.0, |(_, v)| v * factor)
-            };
+    fn append(&self, attributes: &mut [(AttributeFields, MeshAttribute)], times: usize) {
+        for (AttributeFields { fields, factors, .. }, attribute) in attributes {
             for _ in 0..times {
-                attribute.values.extend(fields.iter().map(value));
+                let value = |(&i, factor): (&usize, &f32)| self.0.get(i).map_or(0.0, |v| v * factor);
+                let values = fields.iter().zip(factors.iter()).map(value);
+                attribute.values.extend(values);
             }
         }
     }
 }
 
-fn empty_attributes(fields: &[AttributeFields], per_face: bool) -> Vec<MeshAttribute> {
-    let empty = |a: &AttributeFields| MeshAttribute {
-        name: a.name.clone(),
-        per_face,
-        channels: a.fields.len(),
-        values: Vec::new(),
+/// The attributes of an element, as yet without values.
+fn attributes(element: &ElementDef, prefix: &str) -> Vec<(AttributeFields, MeshAttribute)> {
+    let empty = |fields: AttributeFields| {
+        let attribute = MeshAttribute {
+            name: fields.name.clone(),
+            per_face: prefix == "face",
+            channels: fields.fields.len(),
+            values: Vec::new(),
+        };
+        (fields, attribute)
     };
-    fields.iter().map(empty).collect()
+    attribute_fields(element, prefix).into_iter().map(empty).collect()
 }
 
 fn read_vertices(body: &mut Body, element: &ElementDef, mesh: &mut RawMesh) -> Result<(), LoadError> {
     let has = |names: [&str; 2]| names.iter().all(|n| element.properties.contains_key(*n));
     let normals = has(["nx", "ny"]) && element.properties.contains_key("nz");
     let uvs = has(["u", "v"]) || has(["s", "t"]) || has(["texture_u", "texture_v"]);
-    let fields = attribute_fields(element, "vertex");
-    let mut attributes = empty_attributes(&fields, false);
+    let mut attributes = attributes(element, "vertex");
     body.each::<Vertex>(element, |_, vertex| {
-        vertex.extra.append(&fields, &mut attributes, 1);
+        vertex.extra.append(&mut attributes, 1);
         mesh.positions.push(vertex.position);
         if normals {
             mesh.normals.push(vertex.normal);
@@ -262,15 +292,14 @@ fn read_vertices(body: &mut Body, element: &ElementDef, mesh: &mut RawMesh) -> R
         }
         Ok(())
     })?;
-    mesh.attributes.extend(attributes);
+    mesh.attributes.extend(attributes.into_iter().map(|(_, attribute)| attribute));
     Ok(())
 }
 
 fn read_faces(body: &mut Body, element: &ElementDef, mesh: &mut RawMesh) -> Result<(), LoadError> {
     // Where faces come before the vertices, the mesh as a whole is checked later.
     let vertices = if mesh.positions.is_empty() { usize::MAX } else { mesh.positions.len() };
-    let fields = attribute_fields(element, "face");
-    let mut attributes = empty_attributes(&fields, true);
+    let mut attributes = attributes(element, "face");
     body.each::<Face>(element, |_, face| {
         if face.invalid {
             return Err("a vertex index that is negative or not whole".to_owned());
@@ -280,10 +309,10 @@ fn read_faces(body: &mut Body, element: &ElementDef, mesh: &mut RawMesh) -> Resu
         }
         let before = mesh.triangles.len();
         mesh.push_polygon(&face.corners);
-        face.extra.append(&fields, &mut attributes, mesh.triangles.len() - before);
+        face.extra.append(&mut attributes, mesh.triangles.len() - before);
         Ok(())
     })?;
-    mesh.attributes.extend(attributes);
+    mesh.attributes.extend(attributes.into_iter().map(|(_, attribute)| attribute));
     Ok(())
 }
 
@@ -296,6 +325,9 @@ fn one_line(error: &ParseError) -> String {
     message.chars().take(120).collect()
 }
 
+/// Bytes of a name in the header. Names are looked at for each element.
+const MAX_NAME: usize = 200;
+
 /// Names under which programs store the corners of a face.
 const INDEX_LISTS: [&str; 2] = ["vertex_indices", "vertex_index"];
 
@@ -307,37 +339,26 @@ struct Vertex {
     extra: Extra,
 }
 
-impl Vertex {
-    fn set(&mut self, name: &str, value: f32) -> PropertyAccessResult {
-        match name {
-            "x" => self.position.x = value,
-            "y" => self.position.y = value,
-            "z" => self.position.z = value,
-            "nx" => self.normal.x = value,
-            "ny" => self.normal.y = value,
-            "nz" => self.normal.z = value,
-            "u" | "s" | "texture_u" => self.uv.x = value,
-            "v" | "t" | "texture_v" => self.uv.y = value,
-            _ => return PropertyAccessResult::Ignored,
-        }
-        PropertyAccessResult::Set
-    }
-}
-
 impl PropertyAccess for Vertex {
     fn new() -> Self {
         Self::default()
     }
 
     fn set_property(&mut self, name: &str, property: Property) -> PropertyAccessResult {
-        let result =
-            property.to_f32_lossy().map_or(PropertyAccessResult::Ignored, |value| self.set(name, value));
-        match result {
-            PropertyAccessResult::Ignored if name.contains('_') || name.len() == 1 => {
-                self.extra.set(name, &property)
-            }
-            result => result,
-        }
+        let field = match name {
+            "x" => &mut self.position.x,
+            "y" => &mut self.position.y,
+            "z" => &mut self.position.z,
+            "nx" => &mut self.normal.x,
+            "ny" => &mut self.normal.y,
+            "nz" => &mut self.normal.z,
+            "u" | "s" | "texture_u" => &mut self.uv.x,
+            "v" | "t" | "texture_v" => &mut self.uv.y,
+            _ => return self.extra.set(name, &property),
+        };
+        let Some(value) = property.to_f32_lossy() else { return PropertyAccessResult::Ignored };
+        *field = value;
+        PropertyAccessResult::Set
     }
 }
 

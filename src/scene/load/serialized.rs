@@ -10,7 +10,7 @@ use std::path::Path;
 use flate2::read::ZlibDecoder;
 use glam::{Vec2, Vec3};
 
-use super::mesh::{Normals, Placement, RawMesh};
+use super::mesh::{Placement, RawMesh};
 use super::{LoadError, Location, Log};
 use crate::scene::{Geometry, MeshAttribute};
 
@@ -19,7 +19,6 @@ const MAGIC: u16 = 0x041c;
 const HAS_NORMALS: u32 = 0x0001;
 const HAS_UVS: u32 = 0x0002;
 const HAS_COLORS: u32 = 0x0008;
-const FACE_NORMALS: u32 = 0x0010;
 const DOUBLE_PRECISION: u32 = 0x2000;
 
 /// Bytes that a stream may unpack to regardless of its size.
@@ -108,9 +107,8 @@ pub(super) fn load_mesh(
     if bad > 0 {
         log.warn(Location::byte(path, begin), format!("{bad} normals or texture coordinates are not finite"));
     }
-    let normals = if has(FACE_NORMALS) { Normals::Flat } else { placement.normals };
-    let placed = mesh.place(&Placement { normals, ..*placement });
-    placed.map(Geometry::Mesh).map_err(|e| refuse(begin, e.to_string(), "a valid mesh"))
+    // The file's own flag for flat normals (0x0010) has no effect in Mitsuba 3 either.
+    mesh.place(placement).map(Geometry::Mesh).map_err(|e| refuse(begin, e.to_string(), "a valid mesh"))
 }
 
 /// The version of the file, and where the stream of a mesh begins and ends.

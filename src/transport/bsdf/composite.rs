@@ -7,7 +7,7 @@ use glam::{Vec2, Vec3};
 use super::materials::Materials;
 use super::principled::PrincipledLobe;
 use super::{BsdfSample, Frame, Lobe, TransportMode};
-use crate::scene::{Input, Material, MaterialId, Perturbation, Rgb, SurfacePoint, Texture, texture};
+use crate::scene::{Input, Material, MaterialId, Perturbation, Place, Rgb, SurfacePoint, Textures};
 
 /// A material at a point, not yet prepared.
 #[derive(Clone, Copy)]
@@ -64,15 +64,20 @@ impl<'s> Composite<'s> {
             return Lobe::Black;
         }
         let nested = |id, is_above| Self { id, is_above, ..*self };
-        Lobe::new(self.materials, id, self.uv, self.is_above, nested)
+        Lobe::new(self.materials, id, self.place(), self.is_above, nested)
+    }
+
+    /// Where textures are evaluated. Composites do not keep the point, so that loaders give them no attributes of meshes.
+    fn place(&self) -> Place<'static> {
+        Place { uv: self.uv, point: None }
     }
 
     fn parts(&self) -> Option<Parts<'s>> {
-        let textures = &self.materials.scene.textures;
-        let fraction = |input: Input<f32>| input.at(textures, self.uv).clamp(0.0, 1.0);
+        let textures = Textures::of(self.materials.scene);
+        let fraction = |input: Input<f32>| input.at(textures, self.place()).clamp(0.0, 1.0);
         Some(match self.materials.get(self.id)? {
             Material::Principled(p) => {
-                Parts::Principled(PrincipledLobe::new(p, textures, self.uv, self.is_above))
+                Parts::Principled(PrincipledLobe::new(p, textures, self.place(), self.is_above))
             }
             &Material::Mask { opacity, material } => {
                 Parts::Blend([Lobe::Null, self.part(material)], fraction(opacity))
@@ -93,11 +98,11 @@ impl<'s> Composite<'s> {
     }
 
     /// The perturbed normal in the frame of the side that is looked at.
-    fn normal(&self, by: Perturbation, textures: &[Texture]) -> Vec3 {
+    fn normal(&self, by: Perturbation, textures: Textures) -> Vec3 {
         let n = match by {
-            Perturbation::Normal(input) => input.at(textures, self.uv) * 2.0 - 1.0,
+            Perturbation::Normal(input) => input.at(textures, self.place()) * 2.0 - 1.0,
             Perturbation::Bump { texture, scale } => {
-                let slope = texture::slope(textures, texture, self.uv) * scale;
+                let slope = textures.slope(texture, self.uv) * scale;
                 let [a, b, c] = self.tangents.to_array();
                 let n = Vec3::new(a, 0.0, slope.x).cross(Vec3::new(b, c, slope.y));
                 if n.z < 0.0 { -n } else { n }

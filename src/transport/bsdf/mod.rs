@@ -34,7 +34,7 @@ use glam::{Vec2, Vec3};
 use std::f32::consts::FRAC_1_PI;
 
 use crate::sampling::warp::{cosine_hemisphere_pdf, square_to_cosine_hemisphere};
-use crate::scene::{Input, Material, MaterialId, Microfacet, Rgb, SurfacePoint, Texture};
+use crate::scene::{Input, Material, MaterialId, Microfacet, Place, Rgb, SurfacePoint, Textures};
 use composite::Composite;
 use conductor::{Metal, RoughConductor};
 use dielectric::{Boundary, RoughDielectric};
@@ -118,7 +118,7 @@ impl<'s> Bsdf<'s> {
     #[inline(always)]
     pub fn new(materials: &'s Materials<'s>, id: MaterialId, point: &SurfacePoint, is_above: bool) -> Self {
         let composite = |id, is_above| Composite::new(materials, id, point, is_above);
-        Self { lobe: Lobe::new(materials, id, point.uv, is_above, composite), is_above }
+        Self { lobe: Lobe::new(materials, id, point.into(), is_above, composite), is_above }
     }
 
     /// Draws a direction for the path to go on; `u[0]` chooses the lobe, the others the direction, all in [0, 1).
@@ -138,7 +138,9 @@ impl<'s> Bsdf<'s> {
     #[inline(always)]
     pub fn eval(&self, wo: Vec3, wi: Vec3, mode: TransportMode) -> Rgb {
         let mut other = Lobe::Black;
-        self.facing(wo, &mut other).map_or(Rgb::ZERO, |(lobe, wo, side)| lobe.eval(wo, wi * side, mode))
+        // Not `map_or`, whose closure is not always inlined.
+        let Some((lobe, wo, side)) = self.facing(wo, &mut other) else { return Rgb::ZERO };
+        lobe.eval(wo, wi * side, mode)
     }
 
     /// Density per solid angle with which [`sample`](Self::sample) draws `wi`, without delta lobes. It integrates to the probability
@@ -146,7 +148,8 @@ impl<'s> Bsdf<'s> {
     #[inline(always)]
     pub fn pdf(&self, wo: Vec3, wi: Vec3, mode: TransportMode) -> f32 {
         let mut other = Lobe::Black;
-        self.facing(wo, &mut other).map_or(0.0, |(lobe, wo, side)| lobe.pdf(wo, wi * side, mode))
+        let Some((lobe, wo, side)) = self.facing(wo, &mut other) else { return 0.0 };
+        lobe.pdf(wo, wi * side, mode)
     }
 
     /// Whether there are only delta lobes (or none at all), so that the vertex cannot be connected.
@@ -233,45 +236,45 @@ impl<'s> Lobe<'s> {
     fn new(
         materials: &'s Materials<'s>,
         id: MaterialId,
-        uv: Vec2,
+        place: Place,
         is_above: bool,
         composite: impl Fn(MaterialId, bool) -> Composite<'s>,
     ) -> Self {
-        let textures = &materials.scene().textures;
-        match materials.get(id) {
-            Some(&Material::TwoSided { front, back }) => {
-                let inner = if is_above { front } else { back };
-                if materials.traits(inner).transmits || inner.0 >= id.0 {
-                    return Self::Black;
-                }
-                materials.get(inner).map_or(Self::Black, |material| {
-                    Self::of_material(materials, inner, material, uv, textures, || composite(inner, true))
-                })
+        let (mut id, mut is_front) = (id, is_above);
+        let Some(mut material) = materials.get(id) else { return Self::Black };
+        if let Material::TwoSided { front, back } = *material {
+            let inner = if is_above { front } else { back };
+            if materials.traits(inner).transmits || inner.0 >= id.0 {
+                return Self::Black;
             }
-            Some(material) => {
-                let composite = || composite(id, is_above);
-                let lobe = Self::of_material(materials, id, material, uv, textures, composite);
-                if is_above || matches!(lobe, Self::Composite(_)) {
-                    lobe
-                } else {
-                    lobe.turned_over().unwrap_or(Self::Black)
-                }
-            }
-            None => Self::Black,
+            let Some(shown) = materials.get(inner) else { return Self::Black };
+            (id, material, is_front) = (inner, shown, true);
+        }
+        // By itself, so that the commonest lobe is written where it stays and not copied from where it might be turned over.
+        if let Material::Diffuse { reflectance } = *material {
+            let reflectance =
+                reflectance.at(Textures::of(materials.scene()), place).clamp(Rgb::ZERO, Rgb::ONE);
+            return if is_front { Self::Diffuse { reflectance } } else { Self::Black };
+        }
+        let lobe = Self::of_material(materials, id, material, place, || composite(id, is_front));
+        if is_front || matches!(lobe, Self::Composite(_)) {
+            lobe
+        } else {
+            lobe.turned_over().unwrap_or(Self::Black)
         }
     }
 
     /// The front of a material; of composites the side that `composite` makes.
-    #[inline(always)]
+    #[inline(never)]
     fn of_material(
         materials: &'s Materials<'s>,
         id: MaterialId,
         material: &Material,
-        uv: Vec2,
-        textures: &[Texture],
+        place: Place,
         composite: impl FnOnce() -> Composite<'s>,
     ) -> Self {
-        let color = |input: Input<Rgb>| input.at(textures, uv);
+        let textures = Textures::of(materials.scene());
+        let color = |input: Input<Rgb>| input.at(textures, place);
         let factor = |input: Input<Rgb>| color(input).clamp(Rgb::ZERO, Rgb::ONE);
         let boundary = |eta, reflection, transmission| Boundary {
             eta,
@@ -284,7 +287,7 @@ impl<'s> Lobe<'s> {
                 Self::Conductor(Metal { eta: color(eta), k: color(k), tint: factor(tint) })
             }
             Material::RoughConductor { distribution, alpha, eta, k, specular_reflectance: tint } => {
-                let facets = Microfacets::new(distribution, alpha.map(|a| a.at(textures, uv)), 0.0);
+                let facets = Microfacets::new(distribution, alpha.map(|a| a.at(textures, place)), 0.0);
                 let metal = Metal { eta: color(eta), k: color(k), tint: factor(tint) };
                 Self::RoughConductor(RoughConductor { facets, metal })
             }
@@ -298,7 +301,7 @@ impl<'s> Lobe<'s> {
                 specular_reflectance,
                 specular_transmittance,
             } => {
-                let alpha = alpha.map(|a| a.at(textures, uv));
+                let alpha = alpha.map(|a| a.at(textures, place));
                 let boundary = boundary(eta, specular_reflectance, specular_transmittance);
                 Self::rough_dielectric(distribution, alpha, boundary)
             }

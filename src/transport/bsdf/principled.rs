@@ -13,7 +13,7 @@ use super::fresnel::fresnel_dielectric;
 use super::microfacet::Microfacets;
 use super::{BsdfSample, TransportMode, reflect};
 use crate::sampling::warp::{cosine_hemisphere_pdf, square_to_cosine_hemisphere};
-use crate::scene::{Input, Microfacet, Principled, Rgb, Texture, luminance};
+use crate::scene::{Input, Microfacet, Place, Principled, Rgb, Textures, luminance};
 
 /// Least roughness of the main lobe.
 const MIN_ALPHA: f32 = 1e-3;
@@ -41,9 +41,9 @@ pub(super) struct PrincipledLobe {
 }
 
 impl PrincipledLobe {
-    pub(super) fn new(p: &Principled, textures: &[Texture], uv: Vec2, is_above: bool) -> Self {
-        let at = |input: Input<f32>| input.at(textures, uv).clamp(0.0, 1.0);
-        let base = p.base_color.at(textures, uv).clamp(Rgb::ZERO, Rgb::ONE);
+    pub(super) fn new(p: &Principled, textures: Textures, place: Place, is_above: bool) -> Self {
+        let at = |input: Input<f32>| input.at(textures, place).clamp(0.0, 1.0);
+        let base = p.base_color.at(textures, place).clamp(Rgb::ZERO, Rgb::ONE);
         let (roughness, metallic, spec_trans) = (at(p.roughness), at(p.metallic), at(p.spec_trans));
         let aspect = (1.0 - 0.9 * at(p.anisotropic)).sqrt();
         let alpha = [roughness * roughness / aspect, roughness * roughness * aspect];

@@ -1,6 +1,8 @@
 //! The start of a light path as a light of its own: what points see of it. For virtual point lights that stand for the lights themselves.
 
-use super::{AreaPdf, LeSample, LiSample, Light, Lights, point_li};
+use super::area::AreaPdf;
+use super::li::point_li;
+use super::{LeSample, LiSample, Light, Lights};
 use crate::query::Ray;
 use crate::scene::{Rgb, SurfacePoint};
 

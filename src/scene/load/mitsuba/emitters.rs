@@ -4,17 +4,18 @@ use std::sync::Arc;
 
 use glam::{DVec3, Vec3};
 
+use super::super::LoadError;
 use super::super::image::{self, Content};
-use super::super::{LoadError, Log};
+use super::Builder;
 use super::properties::{Kind, Parameter, Plugin, Properties};
 use super::sensors::is_similarity;
-use crate::scene::{Emitter, EnvironmentMap, Rgb, Spot, TriangleMesh};
+use crate::scene::{Emitter, EnvironmentMap, Input, Rgb, Spot, TriangleMesh};
 
-pub(super) type Build = fn(&Properties, &mut Log) -> Result<Light, LoadError>;
+pub(super) type Build = fn(&Properties, &mut Builder) -> Result<Light, LoadError>;
 
 /// A light on its own, or the emission of the shape that it is part of.
 pub(super) enum Light {
-    Area { radiance: Rgb },
+    Area { radiance: Input<Rgb> },
     Free(Emitter),
 }
 
@@ -22,8 +23,8 @@ pub(super) const PLUGINS: &[Plugin<Build>] = &[
     Plugin::new(
         "area",
         "makes the shape around it emit",
-        &[&[Parameter::new("radiance", Kind::Emission, "1", "emitted radiance")], SAMPLING],
-        |p, _| Ok(Light::Area { radiance: p.color("radiance")? }),
+        &[&[Parameter::new("radiance", Kind::TexturedEmission, "1", "emitted radiance")], SAMPLING],
+        |p, b| Ok(Light::Area { radiance: b.color_input(p, "radiance")? }),
     ),
     Plugin::new(
         "point",
@@ -99,7 +100,7 @@ pub(super) const PLUGINS: &[Plugin<Build>] = &[
 /// Chooses among lights for Mitsuba; here power does.
 const SAMPLING: &[Parameter] = &[Parameter::optional("sampling_weight", Kind::Float, "without effect")];
 
-fn point(p: &Properties, _: &mut Log) -> Result<Light, LoadError> {
+fn point(p: &Properties, _: &mut Builder) -> Result<Light, LoadError> {
     p.exclusive("position", "to_world")?;
     let position = position(p, p.optional_vector("position").unwrap_or(p.transform("to_world").translation))?;
     Ok(Light::Free(Emitter::Point { position, intensity: p.color("intensity")? }))
@@ -116,7 +117,7 @@ fn position(p: &Properties, position: DVec3) -> Result<Vec3, LoadError> {
     Err(p.error(name, format!("a {} light at {position}", p.object.plugin), expected))
 }
 
-fn spot(p: &Properties, _: &mut Log) -> Result<Light, LoadError> {
+fn spot(p: &Properties, _: &mut Builder) -> Result<Light, LoadError> {
     let to_world = p.transform("to_world");
     if !is_similarity(&to_world) {
         let found = "`to_world` of the spot light shears or scales unevenly";
@@ -139,7 +140,7 @@ fn spot(p: &Properties, _: &mut Log) -> Result<Light, LoadError> {
     })))
 }
 
-fn directional(p: &Properties, _: &mut Log) -> Result<Light, LoadError> {
+fn directional(p: &Properties, _: &mut Builder) -> Result<Light, LoadError> {
     p.exclusive("direction", "to_world")?;
     let direction = p.optional_vector("direction").unwrap_or(p.transform("to_world").matrix3.z_axis);
     let Some(direction) = direction.try_normalize() else {
@@ -150,7 +151,7 @@ fn directional(p: &Properties, _: &mut Log) -> Result<Light, LoadError> {
     Ok(Light::Free(Emitter::Directional { direction: direction.as_vec3(), irradiance }))
 }
 
-fn envmap(p: &Properties, log: &mut Log) -> Result<Light, LoadError> {
+fn envmap(p: &Properties, builder: &mut Builder) -> Result<Light, LoadError> {
     let path = p.document.resolve_path(p.string("filename")?, p.object.at);
     let to_world = p.transform("to_world");
     if !is_similarity(&to_world) {
@@ -162,7 +163,7 @@ fn envmap(p: &Properties, log: &mut Log) -> Result<Light, LoadError> {
         return Err(p.bad_value("scale", "a number of 0 or more"));
     }
     p.boolean("mis_compensation")?;
-    let image = Arc::new(image::read(&path, Some(&p.locate("filename")), Content::Color, log)?);
+    let image = Arc::new(image::read(&path, Some(&p.locate("filename")), Content::Color, builder.log)?);
     let size = image.size();
     let map = EnvironmentMap::new(image, scale as f32, to_world.matrix3).ok_or_else(|| {
         let found = format!("an environment of {} x {} texels, scaled by {scale}", size.x, size.y);

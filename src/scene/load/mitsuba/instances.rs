@@ -1,16 +1,14 @@
-//! `shapegroup` and `instance`: shapes that stand in several places.
-//!
-//! Each instance becomes a copy of the group's shapes, moved by its transform. That gives the image that Mitsuba makes, at the price of the
-//! memory of the copies, which is bounded.
+//! `shapegroup` and `instance`: shapes that stand in several places and are held once.
 
 use std::collections::HashMap;
+use std::sync::Arc;
 
 use glam::DAffine3;
 
 use super::properties::{Description, Kind, Parameter, Properties};
 use super::xml::{Category, Document, ObjectId, Span};
 use super::{Builder, LoadError};
-use crate::scene::{Geometry, Shape};
+use crate::scene::{Geometry, Group, Instance, InstanceError, Shape};
 
 pub(super) const GROUP: &str = "shapegroup";
 pub(super) const INSTANCE: &str = "instance";
@@ -23,7 +21,7 @@ pub(super) const DESCRIPTIONS: &[Description] = &[
     },
     Description {
         name: INSTANCE,
-        help: "a copy of a shape group",
+        help: "a shape group in one of its places",
         parameters: &[&[
             Parameter::optional("to_world", Kind::Transform, "the group's space to world space"),
             Parameter::object(Category::Shape, "the shape group, usually by <ref>"),
@@ -31,11 +29,8 @@ pub(super) const DESCRIPTIONS: &[Description] = &[
     },
 ];
 
-/// Primitives of all instances together.
-const MAX_PRIMITIVES: u64 = 1 << 25;
-
 /// A shape group that is to be put somewhere.
-pub(super) struct Instance {
+pub(super) struct PlannedInstance {
     name: String,
     group: ObjectId,
     to_world: DAffine3,
@@ -84,43 +79,30 @@ impl Builder<'_> {
         properties.finish()?;
         self.group(group)?;
         let name = object.id.clone().unwrap_or_else(|| format!("{INSTANCE}-{}", self.instances.len()));
-        self.instances.push(Instance { name, group, to_world, at: object.at });
+        self.instances.push(PlannedInstance { name, group, to_world, at: object.at });
         Ok(())
     }
 }
 
-/// Adds the shapes of all instances.
-pub(super) fn expand(
+/// Adds all instances to the shapes. Of groups without surfaces there is nothing to add.
+pub(super) fn place(
     document: &Document,
-    instances: &[Instance],
-    groups: &HashMap<ObjectId, Vec<Shape>>,
+    instances: Vec<PlannedInstance>,
+    groups: Vec<(ObjectId, Vec<Shape>)>,
     shapes: &mut Vec<Shape>,
 ) -> Result<(), LoadError> {
-    let mut primitives = 0_u64;
-    for instance in instances {
-        for shape in groups.get(&instance.group).into_iter().flatten() {
-            primitives += u64::from(shape.geometry.primitive_count());
-            if primitives > MAX_PRIMITIVES {
-                let found = format!("instances of more than {MAX_PRIMITIVES} primitives in all");
-                return Err(document.error(instance.at, found, "fewer: each instance is a copy"));
-            }
-            let refuse = |found: String, expected: &str| document.error(instance.at, found, expected);
-            let geometry = match &shape.geometry {
-                Geometry::Mesh(mesh) => mesh
-                    .transformed(&instance.to_world)
-                    .map(Geometry::Mesh)
-                    .map_err(|e| refuse(e.to_string(), "a smaller transform"))?,
-                Geometry::Analytic(analytic) => {
-                    let moved = analytic.transformed(&instance.to_world).map(Geometry::Analytic);
-                    moved.ok_or_else(|| {
-                        let found = format!("`to_world` of the instance distorts `{}`", shape.name);
-                        refuse(found, "rotation, translation and even scale, or a mesh")
-                    })?
-                }
-            };
-            let name = format!("{}.{}", instance.name, shape.name);
-            shapes.push(Shape { name, geometry, material: shape.material, emission: None });
-        }
+    let refuse =
+        |at, e: InstanceError| document.error(at, e.to_string(), "less, or a transform that can be inverted");
+    let mut ready = HashMap::new();
+    for (id, members) in groups {
+        let group = Group::new(members).map_err(|e| refuse(document.object(id).at, e))?;
+        ready.insert(id, Arc::new(group));
+    }
+    for PlannedInstance { name, group, to_world, at } in instances {
+        let Some(group) = ready.get(&group).filter(|group| group.primitive_count() > 0) else { continue };
+        let material = group.shapes()[0].material;
+        let instance = Instance::new(Arc::clone(group), to_world).map_err(|e| refuse(at, e))?;
+        shapes.push(Shape { name, geometry: Geometry::Instance(instance), material, emission: None });
     }
     Ok(())
 }

@@ -18,6 +18,7 @@ mod properties;
 mod sensors;
 mod shapes;
 mod spectra;
+mod spectrum_plugins;
 mod textures;
 mod upgrade;
 mod values;
@@ -34,11 +35,11 @@ use rayon::prelude::*;
 use super::image::Images;
 use super::{DEFAULT_SAMPLE_COUNT, LoadError, Location, Log, bounds_of, default_film, framing_camera, push};
 use crate::scene::{
-    Camera, Emitter, FilmSettings, Filter, IntegratorSettings, Material, MaterialId, Rgb, Scene, Shape,
-    Texture, TextureId,
+    Camera, Emitter, FilmSettings, Filter, Geometry, Input, IntegratorSettings, Material, MaterialId, Rgb,
+    Scene, Shape, Texture, TextureId,
 };
 use emitters::Light;
-use instances::Instance;
+use instances::PlannedInstance;
 use properties::{Plugin, Properties, find};
 use shapes::Surface;
 use xml::{Document, Object, ObjectId, Span};
@@ -52,6 +53,7 @@ pub fn supported() -> Vec<(Category, Description)> {
         .chain(instances::DESCRIPTIONS.iter().map(|d| (Category::Shape, *d)))
         .chain(all(Category::Bsdf, bsdfs::PLUGINS))
         .chain(all(Category::Texture, textures::PLUGINS))
+        .chain(all(Category::Spectrum, spectrum_plugins::PLUGINS))
         .chain(all(Category::Emitter, emitters::PLUGINS))
         .chain(all(Category::Sensor, sensors::SENSORS))
         .chain(all(Category::Film, sensors::FILMS))
@@ -62,7 +64,8 @@ pub fn supported() -> Vec<(Category, Description)> {
 
 /// Loads a scene file. `defines` are values of `$name` parameters.
 pub(super) fn load(path: &Path, defines: &[(String, String)], log: &mut Log) -> Result<Scene, LoadError> {
-    let document = Document::read(path, defines, log)?;
+    let mut document = Document::read(path, defines, log)?;
+    spectrum_plugins::fold(&mut document, log)?;
     let mut images = Images::default();
     images.prefetch(textures::files(&document), log);
     let mut builder = Builder {
@@ -75,6 +78,8 @@ pub(super) fn load(path: &Path, defines: &[(String, String)], log: &mut Log) -> 
         parts: Vec::new(),
         material_ids: HashMap::new(),
         default_materials: Vec::new(),
+        attributes: Vec::new(),
+        material_attributes: HashMap::new(),
         depth: 0,
         shapes: Vec::new(),
         groups: Vec::new(),
@@ -101,8 +106,13 @@ struct PlannedShape {
     name: String,
     surface: Surface,
     material: MaterialId,
-    emission: Option<Rgb>,
+    emission: Option<Input<Rgb>>,
+    /// Of its mesh, that its material and emission ask for.
+    attributes: Vec<Attribute>,
 }
+
+/// The name of a mesh attribute, and where it is asked for.
+type Attribute = (String, Span);
 
 struct Sensor {
     camera: Camera,
@@ -124,11 +134,15 @@ struct Builder<'a> {
     /// `None` while a BSDF is being built, which is how circles are noticed.
     material_ids: HashMap<ObjectId, Option<MaterialId>>,
     default_materials: Vec<MaterialId>,
+    /// What the BSDF that is being built asks of meshes.
+    attributes: Vec<Attribute>,
+    /// The same of those that are built, if it is anything.
+    material_attributes: HashMap<MaterialId, Vec<Attribute>>,
     depth: usize,
     shapes: Vec<PlannedShape>,
     /// Of shapes that are only seen through instances, in the order of the file.
     groups: Vec<(ObjectId, Vec<PlannedShape>)>,
-    instances: Vec<Instance>,
+    instances: Vec<PlannedInstance>,
     emitters: Vec<Emitter>,
     sensor: Option<Sensor>,
     integrator: Option<IntegratorSettings>,
@@ -185,7 +199,10 @@ impl<'a> Builder<'a> {
     /// The material of a BSDF; each is built once, however many refer to it.
     fn material(&mut self, id: ObjectId, at: Span) -> Result<MaterialId, LoadError> {
         match self.material_ids.get(&id) {
-            Some(Some(material)) => return Ok(*material),
+            Some(Some(material)) => {
+                self.attributes.extend(self.material_attributes.get(material).into_iter().flatten().cloned());
+                return Ok(*material);
+            }
             Some(None) => return self.error(at, "a BSDF that contains itself", "no circular references"),
             None => {}
         }
@@ -194,6 +211,7 @@ impl<'a> Builder<'a> {
         }
         self.material_ids.insert(id, None);
         self.depth += 1;
+        let attributes_around = std::mem::take(&mut self.attributes);
         let material = match self.properties(bsdfs::PLUGINS, id, "diffuse with reflectance 0.5 is used")? {
             Some((build, properties)) => {
                 let material = build(&properties, self)?;
@@ -204,6 +222,11 @@ impl<'a> Builder<'a> {
         };
         self.depth -= 1;
         self.material_ids.insert(id, Some(material));
+        let attributes = std::mem::replace(&mut self.attributes, attributes_around);
+        if !attributes.is_empty() {
+            self.attributes.extend(attributes.iter().cloned());
+            self.material_attributes.insert(material, attributes);
+        }
         Ok(material)
     }
 
@@ -218,6 +241,21 @@ impl<'a> Builder<'a> {
         };
         if parts > MAX_BSDF_PARTS {
             return self.error(at, "a BSDF of too many others", format!("at most {MAX_BSDF_PARTS}"));
+        }
+        let is_composite = matches!(
+            material,
+            Material::Principled(_)
+                | Material::Blend { .. }
+                | Material::Mask { .. }
+                | Material::Perturbed { .. }
+        );
+        if let (true, Some((name, _))) = (is_composite, self.attributes.first()) {
+            let found = format!("attribute `{name}` of meshes in a principled BSDF or one made of others");
+            return self.error(
+                at,
+                found,
+                "it in a simple BSDF, perhaps within `twosided`, or in an `area` emitter",
+            );
         }
         self.parts.push(parts);
         Ok(push(&mut self.materials, material))
@@ -259,16 +297,21 @@ impl<'a> Builder<'a> {
             Some(emitter) => self.emission(emitter)?,
             None => None,
         };
+        let mut attributes = match emission {
+            Some(Input::Texture(texture)) => self.attributes_of(texture, object.at),
+            _ => Vec::new(),
+        };
         let material = match bsdf {
             Some(bsdf) => self.material(bsdf, object.at)?,
             // As in Mitsuba: a lamp without a BSDF reflects nothing.
             None if emission.is_some() => self.default_material(super::BLACK),
             None => self.default_material(super::GREY),
         };
+        attributes.extend(self.material_attributes.get(&material).into_iter().flatten().cloned());
         let surface = build(&properties)?;
         properties.finish()?;
         let name = object.id.clone().unwrap_or_else(|| format!("{}-{}", object.plugin, self.shapes.len()));
-        Ok(Some(PlannedShape { name, surface, material, emission }))
+        Ok(Some(PlannedShape { name, surface, material, emission, attributes }))
     }
 
     fn light(&mut self, id: ObjectId) -> Result<Option<Light>, LoadError> {
@@ -277,13 +320,13 @@ impl<'a> Builder<'a> {
             return Ok(None);
         };
         properties.ignore("sampling_weight");
-        let light = build(&properties, self.log)?;
+        let light = build(&properties, self)?;
         properties.finish()?;
         Ok(Some(light))
     }
 
     /// The radiance of an emitter that is part of a shape.
-    fn emission(&mut self, id: ObjectId) -> Result<Option<Rgb>, LoadError> {
+    fn emission(&mut self, id: ObjectId) -> Result<Option<Input<Rgb>>, LoadError> {
         let object = self.document.object(id);
         match self.light(id)? {
             Some(Light::Area { radiance }) => Ok(Some(radiance)),
@@ -382,12 +425,12 @@ impl<'a> Builder<'a> {
     /// Loads the meshes and puts the scene together.
     fn finish(self, path: &Path) -> Result<Scene, LoadError> {
         let log = self.log;
-        let mut shapes = load_all(self.shapes, log)?;
-        let mut groups = HashMap::new();
+        let mut shapes = load_all(self.shapes, self.document, log)?;
+        let mut groups = Vec::with_capacity(self.groups.len());
         for (id, group) in self.groups {
-            groups.insert(id, load_all(group, log)?);
+            groups.push((id, load_all(group, self.document, log)?));
         }
-        instances::expand(self.document, &self.instances, &groups, &mut shapes)?;
+        instances::place(self.document, self.instances, groups, &mut shapes)?;
         let sensor = self.sensor.unwrap_or_else(|| {
             log.note(Location::file(path), "the scene has no sensor: using a camera that frames its shapes");
             let camera = framing_camera(bounds_of(&shapes));
@@ -407,7 +450,7 @@ impl<'a> Builder<'a> {
 }
 
 /// Loads the geometry of shapes, in parallel.
-fn load_all(planned: Vec<PlannedShape>, log: &mut Log) -> Result<Vec<Shape>, LoadError> {
+fn load_all(planned: Vec<PlannedShape>, document: &Document, log: &mut Log) -> Result<Vec<Shape>, LoadError> {
     let lenient = log.lenient;
     let loaded: Vec<_> = planned
         .into_par_iter()
@@ -417,8 +460,12 @@ fn load_all(planned: Vec<PlannedShape>, log: &mut Log) -> Result<Vec<Shape>, Loa
                 Surface::Ready(geometry) => Ok(geometry),
                 Surface::File(file) => file.load(&mut log),
             };
-            let PlannedShape { name, material, emission, .. } = shape;
-            (geometry.map(|geometry| Shape { name, geometry, material, emission }), log)
+            let PlannedShape { name, material, emission, attributes, .. } = shape;
+            let shape = geometry.and_then(|geometry| {
+                check_attributes(&name, &geometry, &attributes, document)?;
+                Ok(Shape { name, geometry, material, emission })
+            });
+            (shape, log)
         })
         .collect();
     let mut shapes = Vec::with_capacity(loaded.len());
@@ -428,4 +475,22 @@ fn load_all(planned: Vec<PlannedShape>, log: &mut Log) -> Result<Vec<Shape>, Loa
         shapes.push(shape?);
     }
     Ok(shapes)
+}
+
+/// Whether a shape has the attributes that its material and emission ask for.
+fn check_attributes(
+    name: &str,
+    geometry: &Geometry,
+    attributes: &[Attribute],
+    document: &Document,
+) -> Result<(), LoadError> {
+    let mesh = match geometry {
+        Geometry::Mesh(mesh) => Some(mesh),
+        Geometry::Analytic(_) | Geometry::Instance(_) => None,
+    };
+    let has = |attribute: &str| mesh.is_some_and(|m| m.attribute(attribute).is_some());
+    let Some((missing, at)) = attributes.iter().find(|(attribute, _)| !has(attribute)) else { return Ok(()) };
+    let there: Vec<_> = mesh.iter().flat_map(|m| m.attributes()).map(|a| a.name.as_str()).collect();
+    let expected = if there.is_empty() { "a mesh with attributes".to_owned() } else { xml::one_of(&there) };
+    Err(document.error(*at, format!("attribute `{missing}`, which shape `{name}` does not have"), expected))
 }

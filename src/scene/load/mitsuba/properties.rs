@@ -33,6 +33,8 @@ pub enum Kind {
     /// A radiance or intensity: colour or number, 0 or more; a flat spectrum is the equal-energy white, which is not
     /// the white of RGB.
     Emission,
+    /// Such a radiance, or a texture of it.
+    TexturedEmission,
     /// A colour or number without bound, such as an index of refraction.
     Unbounded,
     /// A number, or a texture of numbers.
@@ -54,7 +56,9 @@ impl Kind {
             Self::FloatOrString => "float or string".to_owned(),
             Self::Vector => "point or vector".to_owned(),
             Self::Emission => "rgb, spectrum or float".to_owned(),
-            Self::Reflectance | Self::Unbounded => "rgb, spectrum, float or texture".to_owned(),
+            Self::Reflectance | Self::TexturedEmission | Self::Unbounded => {
+                "rgb, spectrum, float or texture".to_owned()
+            }
             Self::FloatOrTexture => "float or texture".to_owned(),
             Self::Transform => "transform".to_owned(),
             Self::Object(category) => category.to_string(),
@@ -80,11 +84,15 @@ impl Kind {
 
     /// Whether a texture may take the place of the value.
     fn is_textured(self) -> bool {
-        matches!(self, Self::Reflectance | Self::Unbounded | Self::FloatOrTexture)
+        matches!(self, Self::Reflectance | Self::TexturedEmission | Self::Unbounded | Self::FloatOrTexture)
     }
 
     fn is_color(self) -> bool {
-        matches!(self, Self::Reflectance | Self::Emission | Self::Unbounded)
+        matches!(self, Self::Reflectance | Self::Unbounded) || self.is_emission()
+    }
+
+    fn is_emission(self) -> bool {
+        matches!(self, Self::Emission | Self::TexturedEmission)
     }
 }
 
@@ -472,10 +480,10 @@ impl<'a> Properties<'a> {
         let color = match self.value(name) {
             Some(Value::Color(Color::Rgb(c))) => *c,
             // Equal energy at all wavelengths is no RGB white; Mitsuba makes the difference for emitters alone.
-            Some(Value::Color(Color::Flat(x))) if kind == Kind::Emission => *x * EQUAL_ENERGY,
+            Some(Value::Color(Color::Flat(x))) if kind.is_emission() => *x * EQUAL_ENERGY,
             // Spectral colours may lie outside of what RGB can mix; they are moved to its border, as in Mitsuba.
             Some(Value::Color(Color::Wavelengths(c))) => match kind {
-                Kind::Emission => c.emission.max(DVec3::ZERO),
+                Kind::Emission | Kind::TexturedEmission => c.emission.max(DVec3::ZERO),
                 Kind::Reflectance => c.reflectance.clamp(DVec3::ZERO, DVec3::ONE),
                 _ => c.reflectance.max(DVec3::ZERO),
             },

@@ -127,11 +127,28 @@ const COMMON: &[Parameter] = &[
 const MESH_FILE: &[Parameter] = &[
     Parameter::required("filename", Kind::String, "beside the scene, or in a <path>"),
     Parameter::new("face_normals", Kind::Boolean, "false", "flat, instead of the file's or smooth normals"),
+    Parameter::optional(
+        "max_smooth_angle",
+        Kind::Float,
+        "degrees: new normals, smooth between triangles at a lesser angle (Mitsuba 0.6)",
+    ),
 ];
 
 fn mesh_file(p: &Properties, format: Format) -> Result<Surface, LoadError> {
     let path = p.document.resolve_path(p.string("filename")?, p.object.at);
-    let normals = if p.boolean("face_normals")? { Normals::Flat } else { Normals::GivenOrSmooth };
+    let normals = match (p.boolean("face_normals")?, p.optional_float("max_smooth_angle")) {
+        (false, None) => Normals::GivenOrSmooth,
+        (true, None) => Normals::Flat,
+        (false, Some(angle)) if (0.0..=180.0).contains(&angle) => Normals::Creased(angle.to_radians()),
+        (false, Some(_)) => return Err(p.bad_value("max_smooth_angle", "an angle from 0 to 180 degrees")),
+        (true, Some(_)) => {
+            return Err(p.error(
+                "max_smooth_angle",
+                "`max_smooth_angle` beside `face_normals`",
+                "one of them",
+            ));
+        }
+    };
     let placement = Placement {
         to_world: p.transform("to_world"),
         normals,

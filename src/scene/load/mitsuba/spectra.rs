@@ -29,6 +29,9 @@ pub(super) fn from_samples(samples: &[(f64, f64)]) -> SpectrumColor {
     integrate(at)
 }
 
+/// Of black bodies, in kelvin: with wavelengths in reach of single precision, so that nothing overflows.
+pub(super) const TEMPERATURES: std::ops::RangeInclusive<f64> = 1.0..=1e9;
+
 /// A black body of a temperature in kelvin: its spectral radiance in W / (m^2 sr nm) by Planck's law.
 pub(super) fn black_body(temperature: f64) -> SpectrumColor {
     // Exact by definition of the SI: Planck's and Boltzmann's constants, the speed of light.

@@ -4,10 +4,10 @@ use glam::{Affine2, DAffine3, DVec2};
 
 use super::super::image::Content;
 use super::super::{LoadError, Location};
-use super::Builder;
 use super::properties::{Kind, Parameter, Plugin, Properties};
 use super::xml::{Category, Document, ObjectId, Span};
-use crate::scene::{Bitmap, Input, Rgb, TexelFilter, Texture, TextureId, Wrap};
+use super::{Attribute, Builder};
+use crate::scene::{Bitmap, Input, Rgb, TexelFilter, Texture, TextureId, Textures, Wrap};
 
 pub(super) type Build = fn(&Properties, &mut Builder) -> Result<Texture, LoadError>;
 
@@ -75,6 +75,25 @@ pub(super) const PLUGINS: &[Plugin<Build>] = &[
             p.optional_object(Category::Texture)?;
             let texture = b.texture(object, at)?;
             Ok(Texture::Scale { texture, factor })
+        },
+    ),
+    Plugin::new(
+        "mesh_attribute",
+        "numbers on vertices or faces of a mesh, of 1 or 3 channels; not in principled BSDFs or those made of others",
+        &[&[
+            Parameter::required("name", Kind::String, "as in the file, after `vertex_` or `face_`"),
+            Parameter::new("scale", Kind::Float, "1", "factor"),
+        ]],
+        |p, _| {
+            let name = p.string("name")?.to_owned();
+            if !(name.starts_with("vertex_") || name.starts_with("face_")) {
+                return Err(p.bad_value("name", "a name that begins with `vertex_` or `face_`"));
+            }
+            let scale = p.float("scale")? as f32;
+            if !scale.is_finite() {
+                return Err(p.bad_value("scale", "a number within single precision"));
+            }
+            Ok(Texture::MeshAttribute { name, scale })
         },
     ),
 ];
@@ -155,7 +174,10 @@ impl Builder<'_> {
     /// The texture of an object; each is built once, however many refer to it.
     pub(super) fn texture(&mut self, id: ObjectId, at: Span) -> Result<TextureId, LoadError> {
         match self.texture_ids.get(&id) {
-            Some(Some(texture)) => return Ok(*texture),
+            Some(&Some(texture)) => {
+                self.attributes.extend(self.attributes_of(texture, at));
+                return Ok(texture);
+            }
             Some(None) => return self.error(at, "a texture that contains itself", "no circular references"),
             None => {}
         }
@@ -178,6 +200,14 @@ impl Builder<'_> {
         self.textures.push(texture);
         let new = TextureId(self.textures.len() as u32 - 1);
         self.texture_ids.insert(id, Some(new));
+        self.attributes.extend(self.attributes_of(new, at));
         Ok(new)
+    }
+
+    /// What a texture asks of meshes.
+    pub(super) fn attributes_of(&self, id: TextureId, at: Span) -> Vec<Attribute> {
+        let mut found = Vec::new();
+        Textures::new(&self.textures).each_attribute(id, &mut |name| found.push((name.to_owned(), at)));
+        found
     }
 }

@@ -99,7 +99,7 @@ pub(super) struct Span {
 
 /// Index into [`Document::objects`].
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Hash)]
-pub(super) struct ObjectId(usize);
+pub(super) struct ObjectId(pub(super) usize);
 
 /// A plugin as the file states it.
 #[derive(Debug)]
@@ -141,7 +141,7 @@ struct Source {
 #[derive(Default)]
 pub(super) struct Document {
     sources: Vec<Source>,
-    objects: Vec<Object>,
+    pub(super) objects: Vec<Object>,
     search: Vec<PathBuf>,
     /// The children of the scene.
     pub(super) roots: Vec<Child>,
@@ -627,8 +627,7 @@ impl SceneReader<'_> {
         let (text, value_at) = attributes.require("temperature", &self.document)?;
         let temperature =
             self.parsed(values::float(text.trim().trim_end_matches(['k', 'K'])), text, value_at)?;
-        // Wavelengths in reach of single precision, so that nothing overflows.
-        if !(1.0..=1e9).contains(&temperature) {
+        if !spectra::TEMPERATURES.contains(&temperature) {
             return self.error(value_at, format!("a temperature of {temperature}"), "1 to 1e9 kelvin");
         }
         let scale = attributes.get("scale").map(|(text, at)| self.parsed(values::float(text), text, at));
