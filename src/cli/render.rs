@@ -87,7 +87,7 @@ pub(super) struct RenderArgs {
     /// the lights gathered around what the camera sees (max_depth, rr_depth, photons, lookup=knn|radius, k, radius, filter=constant|cone|gaussian,
     /// direct=photons|nee, mode=full|caustic, final_gather, show=radiance|photons); sppm, the same with a radius that shrinks from pass to pass (alpha, and no lookup or k); vpl,
     /// virtual point lights left by paths from the lights (max_depth, rr_depth, count, visibility=none|rays|shadowmap, resolution, bias, clamp, compensate=true|false,
-    /// direct=nee|vpl, samples=all|N)
+    /// direct=nee|vpl, roughness, samples=all|N)
     #[arg(long, value_name = "NAME:KEY=VALUE,...", value_parser = parse::spec)]
     integrator: Option<Spec>,
     /// Replace $NAME in the scene file

@@ -158,7 +158,7 @@ impl VirtualLights {
                 let power = power * beta;
                 let (ng_side, ns_side) = (vertex.wo.dot(vertex.point.ng), vertex.wo.dot(vertex.point.ns));
                 // Light that comes from between both surfaces is not scattered.
-                if power == Rgb::ZERO || ng_side * ns_side <= 0.0 {
+                if power == Rgb::ZERO || ng_side * ns_side <= 0.0 || vertex.bsdf.is_narrow(self.roughness) {
                     return;
                 }
                 let side = 1.0_f32.copysign(ns_side);

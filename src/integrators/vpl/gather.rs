@@ -14,7 +14,6 @@ use crate::integrators::pass::{Pass, Scratch};
 use crate::query::{Ray, RayQuery};
 use crate::sampling::Sampler;
 use crate::scene::{Rgb, SurfacePoint};
-use crate::transport::World;
 use crate::transport::bsdf::TransportMode;
 use crate::transport::vertex::SurfaceVertex;
 use crate::transport::walk::Walk;
@@ -192,9 +191,9 @@ impl<Q: RayQuery> Gather<'_, '_, '_, Q> {
 impl VirtualLights {
     /// Radiance that arrives along `camera_ray`.
     ///
-    /// The walk is that of the backward path tracer. What a vertex scatters has a *share*: all of it where the path has come from the camera or by a
-    /// delta lobe, since no virtual light connects across those; and otherwise what the clamp took from the light between this vertex and the one
-    /// before, or nothing if that is not to be compensated.
+    /// The walk is that of the backward path tracer. What a vertex scatters has a *share*: all of it where the path has come from the camera, by a
+    /// delta lobe or from a narrow one, since no virtual light connects across those; and otherwise what the clamp took from the light between this vertex and the one
+    /// before (all, if this one is specular or narrow: there are no virtual lights on it), or nothing if that is not to be compensated.
     pub fn sample<'w, Q: RayQuery, O: PathObserver>(
         &self,
         pass: &Pass<'w, '_, Q>,
@@ -208,23 +207,33 @@ impl VirtualLights {
         let mut gather = Gather { vpl: self, pass, rays: 0 };
         let mut radiance = Rgb::ZERO;
         let mut walk = Walk::new(TransportMode::Radiance, camera_ray, Rgb::ONE);
-        let mut previous: Option<SurfacePoint> = None;
+        let mut previous: Option<Vec3> = None;
+        // The vertex before, if virtual lights were looked at from there.
+        let mut gathered: Option<SurfacePoint> = None;
         for depth in 1..=max_depth {
             gather.rays += 1;
             let Some(hit) = query.intersect(&walk.ray) else {
                 observer.segment(walk.mode, depth, &walk.ray, None, walk.beta);
-                if self.direct == Direct::Nee || walk.is_delta {
+                if self.direct == Direct::Nee || gathered.is_none() {
                     radiance += hit_environment(world, &walk, depth, observer);
                 }
                 break;
             };
             let vertex = SurfaceVertex::new(&world.materials, &hit, &walk.ray);
             observer.segment(walk.mode, depth, &walk.ray, Some(&vertex), walk.beta);
-            let share = match &previous {
-                Some(from) if !walk.is_delta => self.compensated(&pass.vpls, from, &vertex.point),
-                _ => 1.0,
+            let taken = match &gathered {
+                Some(from) if self.compensate => pass.vpls.lost(from, &vertex.point),
+                Some(_) => 0.0,
+                None => 1.0,
             };
-            radiance += self.emitted(world, &walk, previous.as_ref(), (&vertex, share), depth, observer);
+            radiance += if self.direct == Direct::Vpl && gathered.is_some() {
+                // The lights are virtual ones too. Without the place before, nothing else could have found them.
+                taken * hit_light(world, &walk, None, &vertex, depth, observer)
+            } else {
+                hit_light(world, &walk, previous, &vertex, depth, observer)
+            };
+            let is_narrow = vertex.bsdf.is_narrow(self.roughness);
+            let share = if is_narrow && self.compensate { 1.0 } else { taken };
             if depth == max_depth || (share == 0.0 && !self.compensate) {
                 break;
             }
@@ -233,14 +242,16 @@ impl VirtualLights {
             let [light, lobe, roulette, virtual_u] = sampler.block(set + CHOICE_SET);
             if !vertex.bsdf.is_delta() && share > 0.0 {
                 let part = Walk { beta: walk.beta * share, ..walk };
-                if self.direct == Direct::Nee {
+                if self.direct == Direct::Nee || is_narrow {
                     let u = [light, light_u, light_v];
                     let (lit, rays) = sample_light(world, query, &part, &vertex, depth, u, observer);
                     radiance += lit;
                     gather.rays += u64::from(rays);
                 }
-                // One segment leads from here to the virtual light.
-                radiance += part.beta * gather.all(&vertex, max_depth - depth - 1, virtual_u);
+                if !is_narrow {
+                    // One segment leads from here to the virtual light.
+                    radiance += part.beta * gather.all(&vertex, max_depth - depth - 1, virtual_u);
+                }
             }
             let Some(scatter) = walk.scatter(&vertex, [lobe, u, v]) else { break };
             if !scatter.is_delta {
@@ -250,31 +261,10 @@ impl VirtualLights {
             if walk.beta == Rgb::ZERO || (may_end && !walk.survives(roulette, Walk::MAX_SURVIVAL)) {
                 break;
             }
-            previous = Some(vertex.point);
+            previous = Some(vertex.point.p);
+            gathered = (!is_narrow && !scatter.is_delta).then_some(vertex.point);
         }
         scratch.rays += gather.rays;
         radiance
-    }
-
-    /// Share of the light from `y` to `x` that the path is to bring.
-    fn compensated(&self, set: &VplSet, x: &SurfacePoint, y: &SurfacePoint) -> f32 {
-        if self.compensate { set.lost(x, y) } else { 0.0 }
-    }
-
-    /// Light that a vertex emits towards the vertex before. Lights that are virtual ones as well count only for their `share`.
-    fn emitted<O: PathObserver>(
-        &self,
-        world: &World,
-        walk: &Walk,
-        previous: Option<&SurfacePoint>,
-        (vertex, share): (&SurfaceVertex, f32),
-        depth: u32,
-        observer: &mut O,
-    ) -> Rgb {
-        match self.direct {
-            Direct::Nee => hit_light(world, walk, previous.map(|point| point.p), vertex, depth, observer),
-            // Without the place before, nothing else could have found the light.
-            Direct::Vpl => share * hit_light(world, walk, None, vertex, depth, observer),
-        }
     }
 }

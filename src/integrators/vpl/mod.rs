@@ -1,7 +1,7 @@
 //! Virtual point lights (`vpl`; Keller 1997, "Instant radiosity").
 //!
-//! Phase 1 sends paths from the lights, which leave a virtual point light wherever they land on a surface that is not specular, after any number of bounces.
-//! Phase 2 follows paths from the camera through specular surfaces to the first that is not, and adds what all virtual lights send there:
+//! Phase 1 sends paths from the lights, which leave a virtual point light wherever they land on a surface that is rough enough, after any number of bounces.
+//! Phase 2 follows paths from the camera to the first such surface, and adds what all virtual lights send there:
 //! `L = sum Phi f_y G V f_x`. Direct light comes from the lights themselves, sampled and hit as by the backward path tracer; with `direct=vpl` the
 //! starts of the light paths are virtual lights too.
 //!
@@ -18,11 +18,16 @@
 //!
 //! ## Did we account for all light transport?
 //!
-//! No. In Heckbert's notation, with D for any event that is not of a delta lobe, and E the eye, the sum and direct light find
+//! No. In Heckbert's notation, with D for any event that is not of a specular lobe, and E the eye, the sum and direct light find
 //! `LE | LS+E | LDS*E | L(S|D)*DDS*E`. What is missed is **`L(S|D)*SDS*E`**: all light that comes to the first
 //! surface that is not specular *from a specular one*. Such are caustics (LS+DE), as the light path would have to leave its light on
 //! the surface that it is to light, and also rooms seen in a diffuse reflection of a mirror (LDSDE). Caustics *on other surfaces* do light the first
-//! surface (LSDDE), and what the camera sees in mirrors and through glass is there. Surfaces that are rough count as D; those that are all but smooth are found, by bright splotches.
+//! surface (LSDDE), and what the camera sees in mirrors and through glass is there.
+//!
+//! Where a lobe is narrow, few virtual lights would matter much, as rare splotches that only very many passes even out: at normal incidence a mirror lobe of roughness
+//! alpha peaks at `1 / (4 alpha^2)` times what a white diffuse surface scatters. So a surface whose lobes are all narrower than that of `roughness` (0.2 by default: 6 times) counts as
+//! specular, S, in both phases. It is lit by the lights themselves, and paths go on from it. Refraction narrows a lobe by `|eta - 1| / 2` beside reflection, so that rough glass
+//! seldom is rough enough. A narrow lobe *beside* a wide one (a polished coat on a diffuse base) is summed with it.
 //!
 //! `compensate=true` finds the missing class too. A specular y has an infinite G: nothing of its light is in the sum, so
 //! its share is 1, and the path goes on through it. What remains missing is then what the backward path tracer misses: delta lights behind delta surfaces.
@@ -86,6 +91,9 @@ pub struct VirtualLights {
     pub compensate: bool,
     /// Where direct light comes from.
     pub direct: Direct,
+    /// Surfaces of narrower lobes than those of a metal of this roughness leave no virtual lights and do not look at any: they count as specular. In [0, 1]; 0: only delta
+    /// lobes do.
+    pub roughness: f32,
     /// Virtual lights that a surface looks at, drawn by importance; `None`: all.
     pub samples: Option<u32>,
 }
@@ -99,6 +107,7 @@ impl Default for VirtualLights {
             clamp: 100.0,
             compensate: true,
             direct: Direct::Nee,
+            roughness: 0.2,
             samples: None,
         }
     }
@@ -120,6 +129,10 @@ impl VirtualLights {
         for (name, value) in parameters {
             match name.as_str() {
                 "count" => this.count = integer("count", value, MAX_COUNT, "from 1 to 2^24")?,
+                "roughness" => {
+                    let parsed = value.parse().ok().filter(|r: &f32| (0.0..=1.0).contains(r));
+                    this.roughness = parsed.ok_or_else(|| bad("roughness", value, "from 0 to 1"))?;
+                }
                 "samples" if value == "all" => this.samples = None,
                 "samples" => {
                     this.samples = Some(integer("samples", value, MAX_SAMPLES, "`all`, or from 1 to 2^20")?);
@@ -154,7 +167,7 @@ impl VirtualLights {
                 }
                 _ if this.length.read(name, value)? => {}
                 _ => {
-                    let known = "max_depth, rr_depth, count, visibility, resolution, bias, clamp, compensate, direct, samples";
+                    let known = "max_depth, rr_depth, count, visibility, resolution, bias, clamp, compensate, direct, roughness, samples";
                     return Err(unknown("vpl", name, known));
                 }
             }
@@ -193,9 +206,9 @@ impl VirtualLights {
             Direct::Vpl => "vpl",
         };
         let samples = self.samples.map_or_else(|| "all".to_owned(), |samples| samples.to_string());
-        let Self { length, count, clamp, compensate, .. } = self;
+        let Self { length, count, clamp, compensate, roughness, .. } = self;
         format!(
-            "vpl:{},count={count},visibility={visibility},clamp={clamp},compensate={compensate},direct={direct},samples={samples}",
+            "vpl:{},count={count},visibility={visibility},clamp={clamp},compensate={compensate},direct={direct},roughness={roughness},samples={samples}",
             length.describe()
         )
     }
