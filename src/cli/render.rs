@@ -478,7 +478,7 @@ impl Report<'_> {
             Integrator::PhotonMap(mapper) => mapper,
             Integrator::VirtualLights(_) if photons == 0 => {
                 return vec![
-                    "warning: no virtual point light was stored: no light reaches a surface that is not specular"
+                    "warning: no virtual point light was stored: no light reaches a surface that is rough enough, or paths may not be as long"
                         .to_owned(),
                 ];
             }
