@@ -5,9 +5,7 @@ use std::f64::consts::PI;
 use glam::{IVec2, UVec2, Vec2, Vec3};
 use helmholtz::film::{AovSet, Film, SampledArea};
 use helmholtz::integrators::vpl::{LightTree, Receiver, TreeLight};
-use helmholtz::integrators::{
-    Integrator, IntegratorError, Pass, PathObserver, Scratch, Strategy, Unobserved,
-};
+use helmholtz::integrators::{Integrator, IntegratorError, Pass, PathObserver, Scratch, Strategy};
 use helmholtz::query::obvhs::ObvhsQuery;
 use helmholtz::query::{BuildQuality, Ray, RayQuery};
 use helmholtz::render::{Control, Stop, Target, render, sample_pixel};
@@ -16,12 +14,12 @@ use helmholtz::transport::World;
 use helmholtz::transport::bsdf::TransportMode;
 use helmholtz::transport::vertex::SurfaceVertex;
 
-use super::agreement::{Versus, integrator};
+use super::agreement::integrator;
 use super::forward::{UNDER_POINT, lit_corner, means, mirror, point_over_floor};
 use super::photons::{caustic, glass};
 use crate::backends::{BackendTest, on_each_backend, on_first_backend};
 use crate::scene_builder::{Build, diffuse, empty, quad, sphere};
-use crate::statistics::{FALSE_ALARM_RATE, Family, Moments, Random, z_test, z_test_two};
+use crate::statistics::{FALSE_ALARM_RATE, Family, Moments, Random, z_test_two};
 
 /// Two plates that face each other, with a lamp, a small ball that casts shadows and nothing that touches: geometry terms are
 /// bounded, so that the plain sum has a finite variance.
