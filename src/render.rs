@@ -43,8 +43,10 @@ pub struct Progress {
     pub passes: u32,
     /// Rays traced by this call, closest-hit and occlusion.
     pub rays: u64,
-    /// Photons stored by this call.
+    /// Photons or virtual point lights stored by this call.
     pub photons: u64,
+    /// Virtual point lights for whose shadow map there was no room; they are looked at by rays.
+    pub without_map: u64,
     /// Time since this call began.
     pub elapsed: Duration,
 }
@@ -135,11 +137,12 @@ pub fn render_with_store<Q: RayQuery>(
         if only_splats {
             trace_light_paths(&pass, integrator, &pool);
         }
-        let rays = pool.gather() + pass.photons.rays;
+        let rays = pool.gather() + pass.photons.rays + pass.vpls.rays;
         film.add_pass(index, with_samples.then_some(&samples), &pool.splats)?;
         done.passes += 1;
         done.rays += rays;
-        done.photons += pass.photons.map.photons().len() as u64;
+        done.photons += (pass.photons.map.photons().len() + pass.vpls.len()) as u64;
+        done.without_map += pass.vpls.without_map;
         done.elapsed = start.elapsed();
         if progress(&done) == Control::Stop {
             break;
@@ -280,6 +283,7 @@ pub fn sample_pixel<'w, Q: RayQuery, O: PathObserver>(
             bidirectional.sample(pass, pixel, ray, &sampler, scratch, observer)
         }
         Integrator::PhotonMap(mapper) => mapper.sample(pass, ray, &sampler, scratch, observer),
+        Integrator::VirtualLights(vpl) => vpl.sample(pass, ray, &sampler, scratch, observer),
     };
     Sample { jitter, radiance }
 }
@@ -294,7 +298,7 @@ pub fn trace_light_path<'w, Q: RayQuery, O: PathObserver>(
     observer: &mut O,
 ) {
     match integrator {
-        Integrator::Backward(_) => {}
+        Integrator::Backward(_) | Integrator::VirtualLights(_) => {}
         Integrator::PhotonMap(mapper) => mapper.show_photon(pass, slot as usize, scratch),
         Integrator::Forward(forward) => forward.trace_light_path(pass, slot, scratch, observer),
         Integrator::Bidirectional(bidirectional) => {

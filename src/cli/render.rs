@@ -46,6 +46,7 @@ const MAX_STRATEGY_DEPTH: u32 = 10;
   helmholtz render room.xml --integrator bdpt:max_depth=5 --size 256x256 --strategies pyramid
   helmholtz render room.xml --integrator sppm:photons=500000 --time 10m
   helmholtz render room.xml --integrator photonmapper:mode=caustic,lookup=radius --time 10m
+  helmholtz render room.xml --integrator vpl:count=1000,visibility=shadowmap --spp 16
   helmholtz render room.xml --backend obvhs --size 640x360
   helmholtz render room.xml --passes 0..64 --save-state a.state    (on one machine)
   helmholtz render room.xml --passes 64..128 --save-state b.state  (on another)
@@ -84,7 +85,9 @@ pub(super) struct RenderArgs {
     /// Algorithm instead of the scene's: path, paths from the camera (max_depth, rr_depth, hide_emitters); ptracer, paths from the lights
     /// (max_depth, rr_depth, connect=nee|hit|both); bdpt, both and their connections (max_depth, rr_depth, exponent=1|2); photonmapper, photons from
     /// the lights gathered around what the camera sees (max_depth, rr_depth, photons, lookup=knn|radius, k, radius, filter=constant|cone|gaussian,
-    /// direct=photons|nee, mode=full|caustic, final_gather, show=radiance|photons); sppm, the same with a radius that shrinks from pass to pass (alpha, and no lookup or k)
+    /// direct=photons|nee, mode=full|caustic, final_gather, show=radiance|photons); sppm, the same with a radius that shrinks from pass to pass (alpha, and no lookup or k); vpl,
+    /// virtual point lights left by paths from the lights (max_depth, rr_depth, count, visibility=none|rays|shadowmap, resolution, bias, clamp, compensate=true|false,
+    /// direct=nee|vpl, roughness, samples=all|N)
     #[arg(long, value_name = "NAME:KEY=VALUE,...", value_parser = parse::spec)]
     integrator: Option<Spec>,
     /// Replace $NAME in the scene file
@@ -282,9 +285,10 @@ impl Job<'_> {
     }
 
     fn strategies<Q: RayQuery>(&self, world: &World, query: &Q, folder: &Path) -> Result<u8, CliError> {
-        if matches!(self.target.integrator, Integrator::PhotonMap(_)) {
+        if matches!(self.target.integrator, Integrator::PhotonMap(_) | Integrator::VirtualLights(_)) {
             return Err(
-                "--strategies shows path, ptracer or bdpt: what photons make is no strategy of theirs".into(),
+                "--strategies shows path, ptracer or bdpt: what photons and virtual lights make is no strategy of theirs"
+                    .into(),
             );
         }
         if self.target.integrator.length().max_depth.is_none_or(|depth| depth > MAX_STRATEGY_DEPTH) {
@@ -466,13 +470,25 @@ impl Report<'_> {
         }
     }
 
-    /// What is odd about the photons that were stored.
+    /// What is odd about the photons or virtual lights that were stored.
     fn photon_warnings(&self) -> Vec<String> {
-        let Integrator::PhotonMap(mapper) = self.job.target.integrator else { return Vec::new() };
-        let Progress { passes, photons, .. } = self.progress;
-        if passes == 0 {
-            return Vec::new();
-        }
+        let Progress { passes, photons, without_map, .. } = self.progress;
+        let mapper = match self.job.target.integrator {
+            _ if passes == 0 => return Vec::new(),
+            Integrator::PhotonMap(mapper) => mapper,
+            Integrator::VirtualLights(_) if photons == 0 => {
+                return vec![
+                    "warning: no virtual point light was stored: no light reaches a surface that is rough enough, or paths may not be as long"
+                        .to_owned(),
+                ];
+            }
+            Integrator::VirtualLights(_) if without_map > 0 => {
+                return vec![format!(
+                    "warning: no memory for the shadow maps of {without_map} of {photons} virtual lights: rays are used"
+                )];
+            }
+            _ => return Vec::new(),
+        };
         if photons == 0 {
             return vec![
                 "warning: no photon was stored: no light reaches a surface that is looked up".to_owned(),

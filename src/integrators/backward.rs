@@ -51,10 +51,10 @@ impl Caustics for FoundByPaths {
 /// Dimension sets of the sampler: set 0 belongs to film and lens, then each vertex takes two.
 /// The first holds where on a light and in which direction to scatter, interleaved: of a Sobol' set the pairs (0, 2) and (1, 3)
 /// are spread more evenly than (0, 1) and (2, 3). (relMSE of the Cornell box, 24 samples: 0.00256 against 0.00306.)
-const DIRECTION_SET: u32 = 1;
+pub(super) const DIRECTION_SET: u32 = 1;
 /// The second which light, which lobe and whether to go on; often none of them is open, and the set is not made.
-const CHOICE_SET: u32 = 2;
-const SETS_PER_VERTEX: u32 = 2;
+pub(super) const CHOICE_SET: u32 = 2;
+pub(super) const SETS_PER_VERTEX: u32 = 2;
 
 impl Backward {
     /// Reads parameters from text.
@@ -171,7 +171,12 @@ impl Backward {
 
 /// Light of the environment, for a walk that left the scene.
 #[inline]
-fn hit_environment<O: PathObserver>(world: &World, walk: &Walk, depth: u32, observer: &mut O) -> Rgb {
+pub(super) fn hit_environment<O: PathObserver>(
+    world: &World,
+    walk: &Walk,
+    depth: u32,
+    observer: &mut O,
+) -> Rgb {
     let emitted = world.lights.le_environment(walk.ray.d);
     if emitted == Rgb::ZERO {
         return Rgb::ZERO;
@@ -185,7 +190,7 @@ fn hit_environment<O: PathObserver>(world: &World, walk: &Walk, depth: u32, obse
 
 /// Light that the vertex itself emits towards the vertex before, which is at `previous` unless that is the camera.
 #[inline]
-fn hit_light<O: PathObserver>(
+pub(super) fn hit_light<O: PathObserver>(
     world: &World,
     walk: &Walk,
     previous: Option<Vec3>,
@@ -211,7 +216,7 @@ fn hit_light<O: PathObserver>(
 
 /// Light from a light chosen and sampled for this vertex, and the number of rays that were traced.
 #[inline(always)]
-fn sample_light<Q: RayQuery, O: PathObserver>(
+pub(super) fn sample_light<Q: RayQuery, O: PathObserver>(
     world: &World,
     query: &Q,
     walk: &Walk,

@@ -1,4 +1,5 @@
-//! Paths from the light: how they start, walk, and reach the film. Shared by the forward and the bidirectional integrator.
+//! Paths from the light: how they start, walk, and reach the film. Shared by the forward and the bidirectional integrator; those that only leave
+//! something where they land, photons or lights, are walked by [`deposit`].
 //!
 //! A light path with `s` vertices reaches the film by connecting its end to a point on the lens (strategy `t = 1`), or by hitting the lens
 //! by chance (`t = 0`), which a pinhole does not allow. A point light or a directional one is not seen directly, neither way: it
@@ -36,6 +37,62 @@ pub(super) struct LightVertex<'w> {
 pub(super) const DIRECTION_SET: u32 = 0;
 pub(super) const CHOICE_SET: u32 = 1;
 pub(super) const SETS_PER_VERTEX: u32 = 2;
+
+/// Number of segments after which survival is no longer certain even where nothing is absorbed.
+const FAIR_DEPTH: u32 = 32;
+
+/// Starts the light path of a slot, of which each pass has `count`. `None` if nothing is emitted.
+pub(super) fn start<Q>(pass: &Pass<Q>, slot: u64, count: u64) -> Option<(LeSample, Sampler)> {
+    let sampler = pass.light_sampler(slot, count);
+    let [u, x, v, y] = sampler.block(DIRECTION_SET);
+    let [choice, ..] = sampler.block(CHOICE_SET);
+    Some((pass.world.lights.sample_le(choice, Vec2::new(x, y), Vec2::new(u, v))?, sampler))
+}
+
+/// A vertex of a light path that leaves something there.
+#[derive(Debug, Clone, Copy)]
+pub(super) struct Landing<'v, 'w> {
+    /// Where.
+    pub(super) vertex: &'v SurfaceVertex<'w>,
+    /// Share of the start's power that arrives, before [`SurfaceVertex::incidence_correction`].
+    pub(super) beta: Rgb,
+    /// Segments from the light.
+    pub(super) depth: u32,
+    /// Whether it came by delta lobes alone, or straight from the light.
+    pub(super) is_specular: bool,
+}
+
+/// Walks a light path of at most `last` segments and shows each vertex that is not specular to `leave`. A path lives on with the
+/// probability that the brightest channel is reflected, so that all carry about the same power; and `goes_on`, told whether it has come by delta
+/// lobes alone, may end it. Returns the number of rays traced.
+pub(super) fn deposit<'w, Q: RayQuery>(
+    pass: &Pass<'w, '_, Q>,
+    start: &LeSample,
+    sampler: &Sampler,
+    last: u32,
+    goes_on: impl Fn(bool) -> bool,
+    mut leave: impl FnMut(&Landing<'_, 'w>),
+) -> u64 {
+    let mut walk = Walk::new(TransportMode::Importance, start.ray, Rgb::ONE);
+    let mut is_specular = true;
+    for depth in 1..=last {
+        let Some(hit) = pass.query.intersect(&walk.ray) else { return u64::from(depth) };
+        let vertex = SurfaceVertex::new(&pass.world.materials, &hit, &walk.ray);
+        if !vertex.bsdf.is_delta() {
+            leave(&Landing { vertex: &vertex, beta: walk.beta, depth, is_specular });
+        }
+        let set = SETS_PER_VERTEX * depth;
+        let [u, _, v, _] = sampler.block(set + DIRECTION_SET);
+        let [lobe, roulette, ..] = sampler.block(set + CHOICE_SET);
+        let Some(scatter) = walk.scatter(&vertex, [lobe, u, v]) else { return u64::from(depth) };
+        is_specular &= scatter.is_delta;
+        let most = if depth < FAIR_DEPTH { 1.0 } else { Walk::MAX_SURVIVAL };
+        if !goes_on(is_specular) || !walk.survives(roulette, most) {
+            return u64::from(depth);
+        }
+    }
+    u64::from(last)
+}
 
 /// What is the same all along a light path.
 struct Tracer<'a, 'w, 's, Q, O> {

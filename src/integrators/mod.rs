@@ -11,6 +11,7 @@ mod observer;
 mod parameters;
 mod pass;
 pub mod photon_map;
+pub mod vpl;
 pub mod weights;
 
 pub(crate) use backward::Caustics;
@@ -25,6 +26,7 @@ use backward::Backward;
 use bidirectional::Bidirectional;
 use forward::{Connect, Forward};
 use photon_map::{PhotonMapper, Show};
+use vpl::VirtualLights;
 
 /// An integrator with its parameters.
 #[derive(Debug, Clone, Copy, PartialEq)]
@@ -37,6 +39,8 @@ pub enum Integrator {
     Bidirectional(Bidirectional),
     /// Photons, looked up by paths from the camera.
     PhotonMap(PhotonMapper),
+    /// Virtual point lights, gathered by paths from the camera.
+    VirtualLights(VirtualLights),
 }
 
 /// Why an integrator was refused.
@@ -73,7 +77,7 @@ pub enum IntegratorError {
 impl Integrator {
     /// Names that [`Integrator::new`] takes.
     pub const NAMES: &'static [&'static str] =
-        &["path", "backward", "ptracer", "forward", "bdpt", "bidirectional", "photonmapper", "sppm"];
+        &["path", "backward", "ptracer", "forward", "bdpt", "bidirectional", "photonmapper", "sppm", "vpl"];
 
     /// The integrator called `name` with parameters given as text; those not given have their defaults.
     ///
@@ -87,6 +91,7 @@ impl Integrator {
             "photonmapper" | "sppm" => {
                 Ok(Self::PhotonMap(PhotonMapper::from_parameters(name == "sppm", parameters)?))
             }
+            "vpl" => Ok(Self::VirtualLights(VirtualLights::from_parameters(parameters)?)),
             _ => Err(IntegratorError::UnknownName { name: name.to_owned() }),
         }
     }
@@ -98,6 +103,7 @@ impl Integrator {
             Self::Forward(forward) => forward.describe(),
             Self::Bidirectional(bidirectional) => bidirectional.describe(),
             Self::PhotonMap(mapper) => mapper.describe(),
+            Self::VirtualLights(vpl) => vpl.describe(),
         }
     }
 
@@ -123,6 +129,7 @@ impl Integrator {
             Self::Forward(forward) => forward.length,
             Self::Bidirectional(bidirectional) => bidirectional.length,
             Self::PhotonMap(mapper) => mapper.length,
+            Self::VirtualLights(vpl) => vpl.length,
         }
     }
 }

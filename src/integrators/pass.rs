@@ -5,6 +5,7 @@ use glam::{IVec2, Vec2};
 use super::Integrator;
 use super::light_path::LightVertex;
 use super::photon_map::{NearestHeap, PhotonMap, Photons, TooManyPhotons};
+use super::vpl::VplSet;
 use crate::film::{SampledArea, Splat};
 use crate::query::RayQuery;
 use crate::sampling::Sampler;
@@ -24,6 +25,8 @@ pub struct Pass<'a, 's, Q> {
     pub area: SampledArea,
     /// Photons; none unless the integrator looks them up.
     pub photons: Photons,
+    /// Virtual point lights; none unless the integrator gathers them.
+    pub vpls: VplSet<'a>,
 }
 
 /// Set in the streams of light paths, and in none of a pixel: no row has this number.
@@ -33,7 +36,7 @@ const LIGHT_STREAM: u64 = 1 << 63;
 const LIGHT_PATHS_PER_STREAM_LOG2: u32 = 16;
 
 impl<'a, 's, Q: RayQuery> Pass<'a, 's, Q> {
-    /// A pass, ready for its samples: traces its photons if the integrator needs them, on all threads.
+    /// A pass, ready for its samples: traces its photons or virtual lights if the integrator needs them, on all threads.
     ///
     /// # Errors
     /// If there are too many photons.
@@ -45,9 +48,11 @@ impl<'a, 's, Q: RayQuery> Pass<'a, 's, Q> {
         index: u32,
         area: SampledArea,
     ) -> Result<Self, TooManyPhotons> {
-        let mut this = Self { world, query, seed, index, area, photons: Photons::none() };
-        if let Integrator::PhotonMap(mapper) = integrator {
-            this.photons = mapper.photons(&this)?;
+        let mut this = Self::empty(world, query, seed, index, area);
+        match integrator {
+            Integrator::PhotonMap(mapper) => this.photons = mapper.photons(&this)?,
+            Integrator::VirtualLights(vpl) => this.vpls = vpl.lights(&this),
+            Integrator::Backward(_) | Integrator::Forward(_) | Integrator::Bidirectional(_) => {}
         }
         Ok(this)
     }
@@ -62,11 +67,15 @@ impl<'a, 's, Q: RayQuery> Pass<'a, 's, Q> {
         area: SampledArea,
         map: PhotonMap,
     ) -> Self {
-        let mut this = Self { world, query, seed, index, area, photons: Photons::none() };
+        let mut this = Self::empty(world, query, seed, index, area);
         if let Integrator::PhotonMap(mapper) = integrator {
             this.photons = mapper.look_up(&this, map, 0);
         }
         this
+    }
+
+    fn empty(world: &'a World<'s>, query: &'a Q, seed: u64, index: u32, area: SampledArea) -> Self {
+        Self { world, query, seed, index, area, photons: Photons::none(), vpls: VplSet::default() }
     }
 }
 

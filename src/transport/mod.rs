@@ -4,6 +4,11 @@
 //! Densities are per area unless a name says `_w` (solid angle). Everything that scatters is told its
 //! [`TransportMode`](bsdf::TransportMode), because refraction and shading normals treat radiance and importance differently.
 //!
+//! Flux when placing, importance when connecting: what a light path carries to a vertex is flux, and what leaves the vertex for where something looks at it is that
+//! flux scattered in mode `Importance`. So a vertex of a light path can be stored and looked at (as a virtual point light, or by a connection) without a cosine or a
+//! squared index too many: `eval(b, Importance)` at a vertex reached from `a`, times its geometric cosine to `a`, is the same as `eval(a, Radiance)` reached from `b`, times that to `b`.
+//! A photon, which is looked at in place, instead keeps its flux per area, and its BSDF is that of radiance.
+//!
 //! Nothing here decides which paths are made: that is an integrator's whole business.
 
 pub mod bsdf;

@@ -25,8 +25,10 @@ fn main() {
     let world = World::new(&scene);
     let query = ObvhsQuery::new(&scene.shapes, BuildQuality::default());
     let paths = u64::from(size.x * size.y);
-    for name in ["path", "ptracer", "bdpt"] {
-        let integrator = Integrator::new(name, &[]).expect("a known integrator");
+    for (name, count) in [("path", None), ("ptracer", None), ("bdpt", None), ("vpl", Some("10"))] {
+        let parameters: Vec<_> =
+            count.map(|n: &str| ("count".to_owned(), n.to_owned())).into_iter().collect();
+        let integrator = Integrator::new(name, &parameters).expect("a known integrator");
         let unit = world.lights.radiance_unit();
         let mut film = Film::new(&scene.film, AovSet::default(), unit).expect("a film");
         let mut last = 0;

@@ -5,7 +5,7 @@
 
 REFERENCE is a long render of the same scene, size and max_depth with another seed, for instance
     target/release/helmholtz render scenes/hidden-lamps.xml --size 256x256 --integrator bdpt:max_depth=8 --spp 4000 --seed 999 -o REFERENCE.exr
-`mitsuba:VARIANT:PLUGIN` is a plugin of Mitsuba; its llvm variants need DRJIT_LIBLLVM_PATH. Prints samples per second and relMSE, mean of
+Ours may have parameters, as in `vpl:count=1000,visibility=shadowmap`. `mitsuba:VARIANT:PLUGIN` is a plugin of Mitsuba; its llvm variants need DRJIT_LIBLLVM_PATH. Prints samples per second and relMSE, mean of
 (I - R)^2 / (R^2 + 0.01), each the median of three runs; the border of 4 pixels, where Mitsuba cuts its filter, is left out. Mitsuba's error is scaled to
 the exact time, as it cannot be told to stop; its first render, which compiles, does not count.
 """

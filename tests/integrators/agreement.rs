@@ -77,7 +77,7 @@ fn lengths(scene: &Scene) -> String {
     scene.integrator.parameters.iter().map(|(name, value)| of(name, value)).collect()
 }
 
-fn compare(name: &str, tested: &[(&str, &str)], keep_filter: bool) {
+pub(super) fn compare(name: &str, tested: &[(&str, &str)], keep_filter: bool) {
     let mut scene = scene(name);
     if !keep_filter {
         // No weights of samples then, whose ratio is biased in few passes.

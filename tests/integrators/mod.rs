@@ -26,4 +26,5 @@ mod photon_bias;
 mod photon_files;
 mod photons;
 mod strategies;
+mod vpl;
 mod weights;

@@ -221,7 +221,7 @@ fn progressive_images_converge() {
     assert!(early > 0.05 && late < 0.3 * early, "{early}, {late}");
 }
 
-fn glass() -> Material {
+pub(super) fn glass() -> Material {
     Material::Dielectric {
         eta: 1.5,
         specular_reflectance: Rgb::ONE.into(),

@@ -2,10 +2,9 @@
 
 use std::sync::atomic::{AtomicUsize, Ordering};
 
-use glam::Vec2;
 use rayon::prelude::*;
 
-use super::super::light_path::{CHOICE_SET, DIRECTION_SET, SETS_PER_VERTEX};
+use super::super::light_path::{self, Landing};
 use super::super::pass::Pass;
 use super::kernel::Filter;
 use super::map::PhotonMap;
@@ -13,15 +12,9 @@ use super::photon::Photon;
 use super::{Lookup, Mode, PhotonMapper};
 use crate::query::RayQuery;
 use crate::scene::Rgb;
-use crate::transport::bsdf::TransportMode;
-use crate::transport::vertex::SurfaceVertex;
-use crate::transport::walk::Walk;
 
 /// Photon paths that one task traces.
 const PATHS_PER_TASK: u32 = 4096;
-
-/// Number of segments after which survival is no longer certain even where nothing is absorbed.
-const FAIR_DEPTH: u32 = 32;
 
 /// Radius of the disc by default, in radii of the sphere around scene and camera.
 const DEFAULT_RADIUS: f32 = 1.0 / 200.0;
@@ -133,39 +126,21 @@ impl PhotonMapper {
 
     /// Sends out the photon of a slot and stores it where it goes. Returns the number of rays traced.
     fn trace_photon<Q: RayQuery>(&self, pass: &Pass<Q>, slot: u32, stored: &mut Vec<Photon>) -> u64 {
-        let sampler = pass.light_sampler(u64::from(slot), u64::from(self.photons));
-        let [u, x, v, y] = sampler.block(DIRECTION_SET);
-        let [choice, ..] = sampler.block(CHOICE_SET);
-        let Some(start) = pass.world.lights.sample_le(choice, Vec2::new(x, y), Vec2::new(u, v)) else {
+        let Some((start, sampler)) = light_path::start(pass, u64::from(slot), u64::from(self.photons)) else {
             return 0;
         };
         let power = start.power() / self.photons as f32;
-        let mut walk = Walk::new(TransportMode::Importance, start.ray, Rgb::ONE);
-        let mut is_specular = true;
         // The last segment of a path is the eye's.
         let last = self.length.limit().saturating_sub(1);
-        for depth in 1..=last {
-            let Some(hit) = pass.query.intersect(&walk.ray) else { return u64::from(depth) };
-            let vertex = SurfaceVertex::new(&pass.world.materials, &hit, &walk.ray);
-            if !vertex.bsdf.is_delta() && self.stores(depth, is_specular) {
-                let power = power * walk.beta * vertex.incidence_correction();
-                if power != Rgb::ZERO {
-                    let point = &vertex.point;
-                    stored.push(Photon::new(point.p, power, vertex.wo, point.ng, depth, is_specular));
-                }
+        let goes_on = |is_specular| self.mode == Mode::Full || is_specular;
+        light_path::deposit(pass, &start, &sampler, last, goes_on, |landing| {
+            let Landing { vertex, beta, depth, is_specular } = *landing;
+            let power = power * beta * vertex.incidence_correction();
+            if self.stores(depth, is_specular) && power != Rgb::ZERO {
+                let point = &vertex.point;
+                stored.push(Photon::new(point.p, power, vertex.wo, point.ng, depth, is_specular));
             }
-            let set = SETS_PER_VERTEX * depth;
-            let [u, _, v, _] = sampler.block(set + DIRECTION_SET);
-            let [lobe, roulette, ..] = sampler.block(set + CHOICE_SET);
-            let Some(scatter) = walk.scatter(&vertex, [lobe, u, v]) else { return u64::from(depth) };
-            is_specular &= scatter.is_delta;
-            let has_use = self.mode == Mode::Full || is_specular;
-            let most = if depth < FAIR_DEPTH { 1.0 } else { Walk::MAX_SURVIVAL };
-            if !has_use || !walk.survives(roulette, most) {
-                return u64::from(depth);
-            }
-        }
-        u64::from(last)
+        })
     }
 
     /// Whether photons of a kind are looked up at all.

@@ -145,6 +145,15 @@ impl<'s> Composite<'s> {
         }
     }
 
+    pub(super) fn is_narrow(&self, alpha: f32) -> bool {
+        match self.parts() {
+            Some(Parts::Principled(lobe)) => lobe.is_narrow(alpha),
+            Some(Parts::Blend(lobes, _)) => lobes.iter().all(|lobe| lobe.is_narrow(alpha)),
+            Some(Parts::Perturbed(lobe, _)) => lobe.is_narrow(alpha),
+            None => true,
+        }
+    }
+
     pub(super) fn albedo(&self, wo: Vec3) -> Rgb {
         match self.parts() {
             Some(Parts::Principled(lobe)) => lobe.albedo(),

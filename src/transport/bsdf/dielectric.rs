@@ -97,6 +97,13 @@ struct Refraction {
 }
 
 impl RoughDielectric {
+    /// Roughness of a mirror lobe as wide as what is refracted, at normal incidence; at most that of the boundary. A facet that turns by an angle turns what it reflects by 2 of them, and what it refracts by
+    /// `|eta - 1|` of them at most, on the side where the index is less.
+    pub(super) fn refracted_alpha(&self) -> f32 {
+        let eta = self.boundary.eta;
+        self.facets.mean_alpha() * (0.5 * (eta.max(1.0 / eta) - 1.0)).min(1.0)
+    }
+
     #[inline(never)]
     pub(super) fn sample(&self, wo: Vec3, u: f32, u_normal: Vec2, mode: TransportMode) -> Option<BsdfSample> {
         let m = self.facets.sample_visible(wo, u_normal);

@@ -30,6 +30,12 @@ impl Microfacets {
         Self { alpha: alpha.map(|a| a.max(floor)), distribution }
     }
 
+    /// The isotropic roughness that has the same peak.
+    #[inline]
+    pub fn mean_alpha(&self) -> f32 {
+        (self.alpha[0] * self.alpha[1]).sqrt()
+    }
+
     /// Whether the roughness depends on the direction along the surface.
     #[inline]
     pub fn is_anisotropic(&self) -> bool {

@@ -197,6 +197,39 @@ impl<'s> Bsdf<'s> {
         )
     }
 
+    /// Reflectance of a surface that is nothing but diffuse, on the side that was prepared.
+    #[inline]
+    pub fn diffuse_reflectance(&self) -> Option<Rgb> {
+        match self.lobe {
+            Lobe::Diffuse { reflectance } => Some(reflectance),
+            _ => None,
+        }
+    }
+
+    /// Whether all that is scattered goes into delta lobes or such as are no wider than the mirror lobe of a metal of roughness `alpha`, seen from either side: the
+    /// answer is the same for paths that arrive on different sides. By 0 this is [`is_delta`](Self::is_delta).
+    pub fn is_narrow(&self, alpha: f32) -> bool {
+        let other = || self.lobe.turned_over().is_none_or(|lobe| lobe.is_narrow(alpha));
+        self.is_delta() || (self.lobe.is_narrow(alpha) && other())
+    }
+
+    /// Whether all that is scattered stays on the side it came from. Of what is made of others this is not asked, and they may not.
+    #[inline]
+    pub fn is_opaque(&self) -> bool {
+        match self.lobe {
+            Lobe::Black
+            | Lobe::Diffuse { .. }
+            | Lobe::Conductor(_)
+            | Lobe::RoughConductor(_)
+            | Lobe::Plastic(_) => true,
+            Lobe::Dielectric(_)
+            | Lobe::RoughDielectric(_)
+            | Lobe::ThinDielectric(_)
+            | Lobe::Null
+            | Lobe::Composite(_) => false,
+        }
+    }
+
     /// Whether the tangents of the frame matter, and not its normal alone.
     #[inline]
     pub fn is_anisotropic(&self) -> bool {
@@ -409,6 +442,15 @@ impl<'s> Lobe<'s> {
             Self::Diffuse { .. } | Self::RoughConductor(_) | Self::RoughDielectric(_) | Self::Plastic(_) => {
                 false
             }
+        }
+    }
+
+    fn is_narrow(&self, alpha: f32) -> bool {
+        match self {
+            Self::RoughConductor(rough) => rough.facets.mean_alpha() < alpha,
+            Self::RoughDielectric(rough) => rough.refracted_alpha() < alpha,
+            Self::Composite(composite) => composite.is_narrow(alpha),
+            _ => self.is_delta(),
         }
     }
 

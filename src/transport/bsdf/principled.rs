@@ -214,6 +214,13 @@ impl PrincipledLobe {
         plain + (flat - plain) * self.flatness
     }
 
+    /// Whether there is no diffuse lobe, and the main one is narrow; a clearcoat always is. The same seen from either side.
+    pub(super) fn is_narrow(&self, alpha: f32) -> bool {
+        let main =
+            if self.bsdf > 0.0 { self.rough.refracted_alpha() } else { self.rough.facets.mean_alpha() };
+        self.brdf == 0.0 && main < alpha
+    }
+
     /// For the albedo AOV: the base colour.
     pub(super) fn albedo(&self) -> Rgb {
         self.base

@@ -203,7 +203,7 @@ impl Lights<'_> {
 
 /// Light from a point of no size, with the `intensity` that it has in a direction away from it. `None` where that is none.
 #[inline]
-fn point_li(
+pub(super) fn point_li(
     light: LightId,
     from: &SurfacePoint,
     position: Vec3,

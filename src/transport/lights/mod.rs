@@ -6,7 +6,8 @@
 //! otherwise; which of the two is a function of light and point alone, so that [`Lights::pdf_li`] can tell the density of a light
 //! point that another technique found.
 //!
-//! Here lights are collected and looked at; `li` samples them from a point, `le` starts light paths at them.
+//! Here lights are collected and looked at; `li` samples them from a point, `le` starts light paths at them, and `start` is what is seen
+//! of such a start, as a light of its own.
 
 mod area;
 mod environment;
@@ -14,6 +15,7 @@ mod le;
 mod li;
 mod rectangle;
 mod spot;
+mod start;
 
 pub use le::LeSample;
 pub use li::LiSample;
