@@ -148,7 +148,7 @@ fn unweighted_strategies_have_the_same_expectation_by_parallel_rays() {
 
 #[test]
 fn unweighted_strategies_have_the_same_expectation_under_a_sky() {
-    check_unweighted("sky", &sky(), 192);
+    check_unweighted("sky", &sky(), 320);
 }
 
 struct Sums<'a>(&'a Scene);

@@ -391,12 +391,12 @@ fn maps_have_two_sides_where_light_goes_through() {
 fn cloud(count: usize, random: &mut Random) -> Vec<TreeLight> {
     // On the walls of a box, as virtual lights are, with some in the same place and some dark.
     let light = |i: usize| {
-        let (axis, side) = (i % 3, if i % 2 == 0 { 1.0 } else { -1.0 });
+        let (axis, side) = (i % 3, if i.is_multiple_of(2) { 1.0 } else { -1.0 });
         let mut position = 2.0 * Vec3::from(random.uniform_3d()) - 1.0;
         position[axis] = -side;
         let mut normal = Vec3::ZERO;
         normal[axis] = side;
-        if i % 7 == 0 {
+        if i.is_multiple_of(7) {
             position = Vec3::new(0.1, 0.2, -1.0);
         }
         let power = if i % 11 == 5 { 0.0 } else { random.uniform() };
