@@ -22,8 +22,8 @@
 //! ## One pass is a function
 //!
 //! `pass(scene, integrator, seed, pass_index)` has no other input. Random numbers come from the
-//! seed, the pixel, the pass and the dimension, never from a thread, and the film adds in an
-//! arithmetic in which the order of addition does not matter. So an image is the same to the last
+//! seed, the pixel, the pass and the dimension, never from a thread. Within a pass the film adds in
+//! an order that does not depend on threads, and between passes in an arithmetic in which order does not matter. So an image is the same to the last
 //! bit for any number of threads, whether rendered in one go, resumed, or merged from parts.
 #![deny(unsafe_code)]
 

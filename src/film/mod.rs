@@ -9,7 +9,8 @@
 //! sum f L / sum f  +  (sum of splats, f S) / passes
 //! ```
 //!
-//! with the filter f of integral 1 and sums over all samples of all passes. All sums are exact ([`exact`]), so the
+//! with the filter f of integral 1 and sums over all samples of all passes. What one pass makes of a pixel is summed in floating point, in an
+//! order that is the pass's own; what adds up over passes is exact ([`exact`]), so the
 //! image depends on *which* passes were added, not on their order, on threads, or on how the passes were split
 //! between films that were merged.
 //!
