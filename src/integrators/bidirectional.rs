@@ -248,7 +248,7 @@ impl<Q: RayQuery, O: PathObserver> EyePath<'_, '_, '_, Q, O> {
         let line = light.vertex.point.p - end.vertex.point.p;
         let distance_squared = line.length_squared();
         let d = line / distance_squared.sqrt();
-        // Half of all pairs end here, before anything is evaluated.
+        // Many pairs end here, before anything is evaluated.
         if !(end.vertex.faces(d) && light.vertex.faces(-d)) {
             return;
         }

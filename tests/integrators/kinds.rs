@@ -328,7 +328,7 @@ impl BackendTest for Long<'_> {
     }
 }
 
-/// `cargo test --release -- --ignored --nocapture kinds::long`; figures are in `vendor-notes/measurements.md`.
+/// `cargo test --release -- --ignored --nocapture kinds::long`. Takes long, and no figures are recorded yet.
 #[test]
 #[ignore = "takes minutes"]
 fn long_smooth_shaded_and_bumped() {

@@ -351,13 +351,12 @@ fn images_do_not_depend_on_threads() {
     assert_eq!(photon_image(&caustic(), knn, 1), photon_image(&caustic(), knn, 4));
 }
 
-/// Where there is nothing to see the image is black, and nothing is dropped.
-#[test]
-fn scenes_without_photons_are_black() {
+/// Scenes in which no light lands anywhere.
+pub(super) fn dark_scenes() -> [(&'static str, Scene); 5] {
     let floor = || quad(Vec3::new(-5.0, -5.0, 4.0), Vec3::Y * 10.0, Vec3::X * 10.0);
     let facing_away = quad(Vec3::new(-1.0, -1.0, 6.0), Vec3::X, Vec3::Y);
     let no_area = quad(Vec3::new(-1.0, -1.0, 2.0), Vec3::X, Vec3::X);
-    let scenes = [
+    [
         ("empty", empty()),
         ("no light", empty().shape(floor(), diffuse(0.5), None)),
         (
@@ -369,8 +368,13 @@ fn scenes_without_photons_are_black() {
             empty().shape(floor(), diffuse(0.5), None).shape(no_area, diffuse(0.0), Some(Rgb::ONE)),
         ),
         ("nothing to hit", empty().emitter(Emitter::Point { position: Vec3::Z * 3.0, intensity: Rgb::ONE })),
-    ];
-    for (what, scene) in &scenes {
+    ]
+}
+
+/// Where there is nothing to see the image is black, and nothing is dropped.
+#[test]
+fn scenes_without_photons_are_black() {
+    for (what, scene) in &dark_scenes() {
         for parameters in
             ["lookup=knn,k=100", "lookup=radius", "radius=0.1,final_gather=2,direct=nee", "mode=caustic"]
         {

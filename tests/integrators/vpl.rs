@@ -523,23 +523,7 @@ fn images_do_not_depend_on_threads() {
 /// Where there is nothing to see the image is black, no light is stored, and nothing is dropped.
 #[test]
 fn scenes_without_light_are_black() {
-    let floor = || quad(Vec3::new(-5.0, -5.0, 4.0), Vec3::Y * 10.0, Vec3::X * 10.0);
-    let facing_away = quad(Vec3::new(-1.0, -1.0, 6.0), Vec3::X, Vec3::Y);
-    let no_area = quad(Vec3::new(-1.0, -1.0, 2.0), Vec3::X, Vec3::X);
-    let scenes = [
-        ("empty", empty()),
-        ("no light", empty().shape(floor(), diffuse(0.5), None)),
-        (
-            "light facing away",
-            empty().shape(floor(), diffuse(0.5), None).shape(facing_away, diffuse(0.0), Some(Rgb::ONE)),
-        ),
-        (
-            "light without area",
-            empty().shape(floor(), diffuse(0.5), None).shape(no_area, diffuse(0.0), Some(Rgb::ONE)),
-        ),
-        ("nothing to hit", empty().emitter(Emitter::Point { position: Vec3::Z * 3.0, intensity: Rgb::ONE })),
-    ];
-    for (what, scene) in &scenes {
+    for (what, scene) in &super::photons::dark_scenes() {
         for parameters in
             ["clamp=0", "clamp=inf", "visibility=shadowmap,resolution=1", "samples=2", "direct=vpl"]
         {
