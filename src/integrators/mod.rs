@@ -5,6 +5,7 @@
 
 pub mod backward;
 pub mod bidirectional;
+mod collect;
 pub mod forward;
 mod light_path;
 mod observer;
@@ -15,6 +16,7 @@ pub mod vpl;
 pub mod weights;
 
 pub(crate) use backward::Caustics;
+pub use collect::TooManyStored;
 pub use observer::{PathObserver, Strategy, Unobserved};
 pub use parameters::PathLength;
 pub use pass::{Pass, Scratch};

@@ -40,7 +40,7 @@ mod trace;
 pub use kernel::Filter;
 pub use map::{NearestHeap, PhotonMap, Site};
 pub use photon::Photon;
-pub use trace::{Photons, TooManyPhotons};
+pub use trace::Photons;
 
 use super::IntegratorError;
 use super::parameters::{PathLength, bad, unknown};

@@ -37,6 +37,7 @@
 //! A virtual light is made of the *flux* that arrives, divided by the number of paths *emitted*, and by scattering of importance: without the scaling
 //! of radiance in glass and with Veach's correction for shading normals. What looks at it gathers radiance. See [`transport`](crate::transport).
 
+mod block;
 mod deposit;
 mod gather;
 mod shadow_map;
@@ -174,7 +175,7 @@ impl VirtualLights {
         }
         this.visibility = match (visibility, resolution, bias) {
             ("shadowmap", resolution, bias) => {
-                Visibility::ShadowMap { resolution: resolution.unwrap_or(128), bias: bias.unwrap_or(1.0) }
+                Visibility::ShadowMap { resolution: resolution.unwrap_or(64), bias: bias.unwrap_or(1.0) }
             }
             (_, Some(resolution), _) => {
                 return Err(bad(
