@@ -72,7 +72,7 @@ pub enum IntegratorError {
         /// Its value.
         value: String,
         /// What the value should be.
-        expected: &'static str,
+        expected: String,
     },
 }
 
