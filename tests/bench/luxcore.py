@@ -92,7 +92,9 @@ def render_lux(pyluxcore, seconds, width, height):
     session.Stop()
     image = np.zeros(width * height * 3, dtype=np.float32)
     session.GetFilm().GetOutputFloat(pyluxcore.FilmOutputType.RGB_IMAGEPIPELINE, image, 0, True)
-    return image.reshape(height, width, 3)[::-1].astype(np.float64), samples, elapsed
+    # From the bottom up, and one row too low: of all shifts by half pixels this one fits, by a factor of 30 in relMSE.
+    rows = np.roll(image.reshape(height, width, 3)[::-1], -1, axis=0)
+    return rows.astype(np.float64), samples, elapsed
 
 
 def main():

@@ -16,6 +16,10 @@ const PATHS_PER_TASK: u32 = 4096;
 /// Radius of the disc by default, in radii of the sphere around scene and camera.
 const DEFAULT_RADIUS: f32 = 1.0 / 200.0;
 
+/// Largest disc of the nearest photons by default, in those radii. Without a bound, a place that has fewer than `k` photons on its side, such as the back of a lamp,
+/// would look at all the photons there are: a pass with final gathering took minutes instead of seconds.
+const LARGEST_OF_NEAREST: f32 = 10.0;
+
 /// Photons that a pass may store, 2 GiB of them; their number follows from the scene only when they are traced.
 const MAX_STORED: usize = 1 << 26;
 
@@ -77,14 +81,16 @@ impl PhotonMapper {
     /// A map as the pass looks it up.
     pub(in crate::integrators) fn look_up<Q>(&self, pass: &Pass<Q>, map: PhotonMap, rays: u64) -> Photons {
         let scale = DEFAULT_RADIUS * pass.world.bounds.radius;
-        let disc = |radius: f32, shrunk: f64| {
+        let squared = |radius: f32, shrunk: f64| {
             let radius_squared = (f64::from(radius).powi(2) * shrunk) as f32;
             // Of scenes beyond all measure too, and after any number of passes, it is a number that can be divided by.
-            Disc::Radius { radius_squared: radius_squared.clamp(f32::MIN_POSITIVE, f32::MAX) }
+            radius_squared.clamp(f32::MIN_POSITIVE, f32::MAX)
         };
+        let disc = |radius, shrunk| Disc::Radius { radius_squared: squared(radius, shrunk) };
         let disc = match self.lookup {
             Lookup::Nearest { k, radius } => {
-                Disc::Nearest { k: k as usize, radius_squared: radius.map_or(f32::INFINITY, |r| r * r) }
+                let radius = radius.unwrap_or(LARGEST_OF_NEAREST * scale);
+                Disc::Nearest { k: k as usize, radius_squared: squared(radius, 1.0) }
             }
             Lookup::Radius(radius) => disc(radius.unwrap_or(scale), 1.0),
             Lookup::Shrinking { radius, alpha } => {
