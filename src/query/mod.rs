@@ -9,6 +9,7 @@ mod backend;
 #[cfg(feature = "embree")]
 pub mod embree;
 pub mod obvhs;
+pub mod reference;
 pub mod triangle;
 
 pub use backend::{Backend, BackendError};
