@@ -85,3 +85,35 @@ impl Page {
 fn escape(text: &str) -> String {
     text.replace('&', "&amp;").replace('<', "&lt;").replace('>', "&gt;").replace('"', "&quot;")
 }
+
+#[cfg(test)]
+mod tests {
+    use glam::UVec2;
+
+    use super::Page;
+    use crate::film::{Channel, Image, Pixels};
+    use crate::scene::PixelRect;
+
+    #[test]
+    fn text_is_escaped_and_images_are_within() {
+        let mut page = Page::new("a <b> & \"c\"");
+        page.heading("<script>");
+        page.paragraph("1 < 2");
+        page.preformatted("<&>");
+        page.table(&[vec!["x", "<i>"], vec!["1", "2"]]);
+        let size = UVec2::ONE;
+        let channels =
+            ["R", "G", "B"].map(|name| Channel { name: name.into(), pixels: Pixels::Colour(vec![1.0]) });
+        let image =
+            Image { film_size: size, crop: PixelRect { min: UVec2::ZERO, size }, channels: channels.into() };
+        page.image("\"><x", &image).expect("a PNG");
+        let text = page.finish();
+        assert!(text.contains("<title>a &lt;b&gt; &amp; &quot;c&quot;</title>"), "{text}");
+        for tag in ["<b>", "<script>", "<i>", "<x"] {
+            assert!(!text.contains(tag), "{tag} in {text}");
+        }
+        assert!(text.contains("<th>&lt;i&gt;</th>") && text.contains("<td>2</td>"), "{text}");
+        // The first eight bytes of every PNG.
+        assert!(text.contains("src=\"data:image/png;base64,iVBORw0KGgo"), "{text}");
+    }
+}
