@@ -9,14 +9,14 @@
 //! | module | what it holds |
 //! |---|---|
 //! | [`cli`] | one file per subcommand; all printing to people happens there |
-//! | [`study`] | the trade, measured: errors of images |
+//! | [`study`] | the trade, measured: errors of images, backends side by side |
 //! | [`render`] | the driver: passes, threads, progress, stop conditions, checkpoints |
 //! | [`strategies`] | the driver for images of single strategies |
 //! | [`integrators`] | one file or folder per algorithm |
 //! | [`transport`] | what integrators share: BSDFs, emitters, camera importance, subpath walk, MIS |
 //! | [`film`] | accumulation, reconstruction filters, AOVs, EXR and PNG output |
 //! | [`sampling`] | sampler (per pixel, pass and dimension), warps, discrete distributions |
-//! | [`query`] | closest-hit and occlusion queries: Embree, obvhs |
+//! | [`query`] | closest-hit and occlusion queries: Embree, obvhs, one checked against the other |
 //! | [`scene`] | plain data: shapes, materials, emitters, camera; and the loaders |
 //!
 //! ## One pass is a function

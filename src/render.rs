@@ -14,6 +14,7 @@ use crate::integrators::photon_map::store::{PhotonFileError, PhotonStore};
 use crate::integrators::photon_map::{PhotonMapper, Show};
 use crate::integrators::{Integrator, Pass, PathObserver, Scratch, Strategy, Unobserved};
 use crate::query::{Ray, RayQuery};
+use crate::sampling::Sampler;
 use crate::scene::Rgb;
 use crate::transport::World;
 use crate::transport::bsdf::TransportMode;
@@ -254,6 +255,16 @@ pub fn light_path_count<Q>(pass: &Pass<Q>, integrator: Integrator) -> u64 {
     }
 }
 
+/// The ray that the sample of a pixel begins with, where in the pixel it belongs, and the random numbers of the whole sample.
+#[inline]
+pub fn camera_ray<Q>(pass: &Pass<Q>, pixel: IVec2) -> (Ray, Vec2, Sampler) {
+    let sampler = pass.pixel_sampler(pixel);
+    let [x, y, lens_u, lens_v] = sampler.block(CAMERA_SET);
+    let jitter = Vec2::new(x, y);
+    let ray = pass.world.camera.spawn_ray(pixel.as_vec2() + jitter, Vec2::new(lens_u, lens_v));
+    (ray, jitter, sampler)
+}
+
 /// The sample of one pixel in one pass: a function of its arguments alone. Splats that come with it go to `scratch`, which also counts the rays.
 #[inline]
 pub fn sample_pixel<'w, Q: RayQuery, O: PathObserver>(
@@ -264,10 +275,7 @@ pub fn sample_pixel<'w, Q: RayQuery, O: PathObserver>(
     observer: &mut O,
 ) -> Sample {
     let Pass { world, query, .. } = *pass;
-    let sampler = pass.pixel_sampler(pixel);
-    let [x, y, lens_u, lens_v] = sampler.block(CAMERA_SET);
-    let jitter = Vec2::new(x, y);
-    let ray = world.camera.spawn_ray(pixel.as_vec2() + jitter, Vec2::new(lens_u, lens_v));
+    let (ray, jitter, sampler) = camera_ray(pass, pixel);
     let radiance = match integrator {
         Integrator::Backward(backward) => {
             let (radiance, rays) = backward.radiance(world, query, ray, &sampler, observer);

@@ -3,13 +3,14 @@
 use std::sync::Arc;
 
 use glam::{DAffine3, DMat3, DQuat, DVec3, Vec2, Vec3};
+use helmholtz::query::reference::{Crossing, TEST_ERROR, crossings};
 use helmholtz::query::{Hit, Ray, RayQuery};
 use helmholtz::scene::{
     AnalyticKind, AnalyticShape, Geometry, Group, Instance, InstanceError, Rgb, Shape, TriangleMesh,
 };
 
 use crate::backends::{BackendTest, on_each_backend};
-use crate::query::{PLACES, ray_in, reference, soup};
+use crate::query::{PLACES, ray_in, soup};
 use crate::support::{Rng, analytic, icosphere, mesh, placed, shape};
 
 fn group(shapes: Vec<Shape>) -> Arc<Group> {
@@ -43,97 +44,11 @@ fn moved(map: &DAffine3, (scale, offset): (f64, DVec3)) -> DAffine3 {
     DAffine3::from_scale_rotation_translation(DVec3::splat(scale), DQuat::IDENTITY, offset) * *map
 }
 
-/// Where a line meets a primitive of an instance, by arithmetic in f64.
-struct Crossing {
-    shape: u32,
-    primitive: u32,
-    t: f64,
-    /// |cosine| between ray and normal, in the world or in the group's space, whichever is less.
-    cosine: f64,
-    /// How far inside the primitive, in units of what rounding to f32 does to a test in the group's space; negative outside.
-    inside: f64,
-    /// How far that rounding moves the point in the world, before the cosine is taken into account.
-    error: f64,
-    /// How far rounded barycentrics move the point within the primitive: more by the aspect of a sliver, whose short edge is rounded.
-    slide: f64,
-}
-
-/// What rounding to f32 does to a test, relative to the largest coordinate: 2^-24 for each of a score of operations.
-const TEST_ERROR: f64 = 1.2e-6;
-
-/// Every crossing of every primitive, nearest or not.
-fn crossings(shapes: &[Shape], ray: &Ray) -> Vec<Crossing> {
-    let mut found = Vec::new();
-    let identity = DAffine3::IDENTITY;
-    for (whole, shape) in shapes.iter().zip(0..) {
-        let (parts, map) = match &whole.geometry {
-            Geometry::Instance(i) => (i.group().shapes(), i.to_world()),
-            Geometry::Mesh(_) | Geometry::Analytic(_) => (std::slice::from_ref(whole), &identity),
-        };
-        let inverse = map.inverse();
-        let (o, d) =
-            (inverse.transform_point3(ray.o.as_dvec3()), inverse.transform_vector3(ray.d.as_dvec3()));
-        let m = map.matrix3;
-        let growth = m.x_axis.length().max(m.y_axis.length()).max(m.z_axis.length());
-        let mut primitive = 0;
-        for part in parts {
-            match &part.geometry {
-                Geometry::Mesh(mesh) => {
-                    for triangle in 0..mesh.triangles().len() as u32 {
-                        let local = mesh.corners(triangle).map(Vec3::as_dvec3);
-                        if let Some(r) = reference(ray, local.map(|c| map.transform_point3(c))) {
-                            let [a, b, c] = local;
-                            let n = (b - a).cross(c - a);
-                            let longest = (b - a).length().max((c - a).length()).max((c - b).length());
-                            let cosine = n.dot(d).abs() / (n.length() * d.length());
-                            let rounding =
-                                TEST_ERROR * local.iter().fold(o.length(), |x, c| x.max(c.length()));
-                            found.push(Crossing {
-                                shape,
-                                primitive,
-                                t: r.t,
-                                cosine: r.cosine.min(cosine),
-                                inside: r.inside * n.length() / longest * cosine / rounding,
-                                error: rounding * growth,
-                                slide: rounding * growth * longest * longest / n.length(),
-                            });
-                        }
-                        primitive += 1;
-                    }
-                }
-                Geometry::Analytic(analytic) => {
-                    let unit = analytic.to_world().inverse();
-                    let (o, d) = (unit.transform_point3(o), unit.transform_vector3(d));
-                    let (a, b) = (d.length_squared(), o.dot(d));
-                    // How far the line passes from the centre.
-                    let pass2 = (o - d * (b / a)).length_squared();
-                    let rounding = TEST_ERROR * (o.length() + 1.0);
-                    for sign in [-1.0, 1.0] {
-                        let t = (-b + sign * (a * (1.0 - pass2).max(0.0)).sqrt()) / a;
-                        let n = (unit.matrix3 * inverse.matrix3).transpose() * (o + d * t);
-                        let cosine = n.normalize().dot(ray.d.as_dvec3()).abs();
-                        let inside = (1.0 - pass2) / rounding;
-                        if inside > -1.0 {
-                            let cosine = cosine.min((1.0 - pass2).max(1e-12).sqrt());
-                            let error = rounding * growth * analytic.to_world().matrix3.x_axis.length();
-                            let slide = 0.0;
-                            found.push(Crossing { shape, primitive, t, cosine, inside, error, slide });
-                        }
-                    }
-                    primitive += 1;
-                }
-                Geometry::Instance(_) => unreachable!("groups do not nest"),
-            }
-        }
-    }
-    found
-}
-
 /// Checks one answer; primitives that rounding may or may not hide are not counted on. Returns whether a hit was certain.
 fn check(shapes: &[Shape], ray: &Ray, hit: Option<Hit>, scale: f64) -> bool {
     let size = scale.max(f64::from(ray.o.abs().max_element()));
     let tolerance = |c: &Crossing| (TEST_ERROR * size + c.error) / c.cosine;
-    let all = crossings(shapes, ray);
+    let all = crossings(shapes, &ray.into(), f64::INFINITY);
     let certain = all
         .iter()
         .filter(|c| c.t > tolerance(c) && c.inside > 1.0 && c.cosine > 0.01)

@@ -14,13 +14,13 @@ use serde_json::json;
 use super::output::Outputs;
 use super::parse::{self, Spec};
 use super::progress::Bar;
-use super::{CliError, EXIT_DONE, EXIT_INTERRUPTED, debug_pixel};
+use super::{CliError, EXIT_DONE, EXIT_FAULTS, EXIT_INTERRUPTED, debug_pixel};
 use crate::film::state::{RenderIdentity, load_state, save_state};
 use crate::film::{Aov, AovSet, Film, output};
 use crate::integrators::photon_map::Lookup;
 use crate::integrators::photon_map::store::{PhotonReader, PhotonStore, PhotonWriter};
 use crate::integrators::{Integrator, IntegratorError};
-use crate::query::{Backend, RayQuery};
+use crate::query::{AnyQuery, Backend, RayQuery};
 use crate::render::{Control, Progress, Stop, Target, render_with_store};
 use crate::scene::load::{LoadOptions, Loaded, load};
 use crate::scene::{IntegratorSettings, PixelRect, Scene};
@@ -78,8 +78,8 @@ pub(super) struct RenderArgs {
     /// Part of the film to render
     #[arg(long, value_name = "X,Y,WIDTHxHEIGHT", value_parser = parse::crop)]
     crop: Option<PixelRect>,
-    /// Ray queries by: embree (settings robust=true|false, quality=low|medium|high, compact=true|false) or
-    /// obvhs (setting quality=low|medium|high)
+    /// Ray queries by: embree (settings robust=true|false, quality=low|medium|high, compact=true|false),
+    /// obvhs (setting quality=low|medium|high) or crosscheck (the default, compared query by query with the other; exit code 4 for a fault)
     #[arg(long, value_name = "NAME:KEY=VALUE,...", value_parser = parse::spec)]
     backend: Option<Spec>,
     /// Algorithm instead of the scene's: path, paths from the camera (max_depth, rr_depth, hide_emitters); ptracer, paths from the lights
@@ -145,7 +145,7 @@ pub(super) fn run(args: &RenderArgs) -> Result<u8, CliError> {
         }
     }
     args.edit(&mut scene)?;
-    let integrator = args.integrator(&scene)?;
+    let integrator = choose_integrator(args.integrator.as_ref(), args.lenient, &scene)?;
     let load_time = start.elapsed();
     let start = Instant::now();
     let target = Target { integrator, seed: args.seed };
@@ -156,15 +156,78 @@ pub(super) fn run(args: &RenderArgs) -> Result<u8, CliError> {
             job.run(&crate::query::embree::EmbreeQuery::new(&scene.shapes, settings)?)
         }
         Backend::Obvhs(quality) => job.run(&crate::query::obvhs::ObvhsQuery::new(&scene.shapes, quality)),
+        backend @ Backend::Crosscheck => {
+            let query = backend.build(&scene.shapes)?;
+            let code = job.run(&query)?;
+            Ok(if report_crosscheck(&query, args.quiet) { code } else { EXIT_FAULTS })
+        }
     }
+}
+
+/// Prints what a crosscheck found; whether it is without fault. Other backends are.
+fn report_crosscheck(query: &AnyQuery, quiet: bool) -> bool {
+    let AnyQuery::Crosscheck(crosscheck) = query else { return true };
+    let (findings, names) = (crosscheck.findings(), crosscheck.names());
+    if !quiet {
+        eprintln!(
+            "compared {} closest hits and {} occlusions by {} and {}: {} ties, {} faults, {} disputes not judged",
+            findings.closest,
+            findings.occlusion,
+            names[0],
+            names[1],
+            findings.ties,
+            findings.faults.len(),
+            findings.not_judged
+        );
+    }
+    for judged in &findings.faults {
+        eprintln!("# {}\n{}", judged.blame(names.each_ref().map(String::as_str)), judged.dispute);
+    }
+    findings.is_clean()
+}
+
+/// Changes the size of the film; a crop window is dropped.
+pub(super) fn resize(scene: &mut Scene, size: UVec2) {
+    scene.film.size = size;
+    scene.film.crop = PixelRect { min: UVec2::ZERO, size };
+}
+
+/// The integrator that the command line names, or the scene's; `path` where there is none, or where lenience allows it.
+pub(super) fn choose_integrator(
+    spec: Option<&Spec>,
+    lenient: bool,
+    scene: &Scene,
+) -> Result<Integrator, CliError> {
+    let settings = &scene.integrator;
+    Ok(match (spec, &settings.name) {
+        (Some(spec), _) => Integrator::new(&spec.name, &spec.parameters)?,
+        (None, Some(name)) => match Integrator::new(name, &settings.parameters) {
+            Ok(integrator) => integrator,
+            Err(error) => replace_integrator(settings, lenient, &error)?,
+        },
+        (None, None) => Integrator::new("path", &[])?,
+    })
+}
+
+/// What stands in for an integrator of the scene that there is not, if lenience allows it.
+fn replace_integrator(
+    settings: &IntegratorSettings,
+    lenient: bool,
+    error: &IntegratorError,
+) -> Result<Integrator, CliError> {
+    let at = settings.location.as_ref().map(|l| format!("{l}: ")).unwrap_or_default();
+    if !lenient {
+        return Err(format!("{at}{error}; --integrator names another, --lenient takes path").into());
+    }
+    eprintln!("warning: {at}{error}; path is used");
+    Ok(Integrator::new("path", &[])?)
 }
 
 impl RenderArgs {
     /// Applies the arguments that change the scene.
     fn edit(&self, scene: &mut Scene) -> Result<(), CliError> {
         if let Some(size) = self.size {
-            scene.film.size = size;
-            scene.film.crop = PixelRect { min: UVec2::ZERO, size };
+            resize(scene, size);
         }
         if let Some(crop) = self.crop {
             let end = crop.min.checked_add(crop.size);
@@ -178,32 +241,6 @@ impl RenderArgs {
             scene.film.crop = crop;
         }
         Ok(())
-    }
-
-    fn integrator(&self, scene: &Scene) -> Result<Integrator, CliError> {
-        let settings = &scene.integrator;
-        Ok(match (&self.integrator, &settings.name) {
-            (Some(spec), _) => Integrator::new(&spec.name, &spec.parameters)?,
-            (None, Some(name)) => match Integrator::new(name, &settings.parameters) {
-                Ok(integrator) => integrator,
-                Err(error) => self.replace_integrator(settings, &error)?,
-            },
-            (None, None) => Integrator::new("path", &[])?,
-        })
-    }
-
-    /// What stands in for an integrator of the scene that there is not, if lenience allows it.
-    fn replace_integrator(
-        &self,
-        settings: &IntegratorSettings,
-        error: &IntegratorError,
-    ) -> Result<Integrator, CliError> {
-        let at = settings.location.as_ref().map(|l| format!("{l}: ")).unwrap_or_default();
-        if !self.lenient {
-            return Err(format!("{at}{error}; --integrator names another, --lenient takes path").into());
-        }
-        eprintln!("warning: {at}{error}; path is used");
-        Ok(Integrator::new("path", &[])?)
     }
 
     fn backend(&self) -> Result<Backend, CliError> {

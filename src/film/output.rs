@@ -162,31 +162,39 @@ fn to_half(value: f32, clamped: &mut usize) -> f16 {
     f16::from_f32(value.clamp(-max, max))
 }
 
-/// Writes the colour as a PNG file: 8 bits, sRGB transfer function, values clamped to [0, 1]. There is no exposure to
-/// set: radiance 1 is white.
+/// Writes the colour as a PNG file: [`encode_png`].
 ///
 /// # Errors
 /// If the file cannot be written.
 pub fn write_png(path: &Path, image: &Image) -> Result<(), OutputError> {
+    write_atomically(path, |writer| writer.write_all(&encode_png(image)?))
+}
+
+/// The colour as the bytes of a PNG file: 8 bits, sRGB transfer function, values clamped to [0, 1]. There is no exposure to
+/// set: radiance 1 is white.
+///
+/// # Errors
+/// If PNG has no such image: one of no pixels or too many.
+pub fn encode_png(image: &Image) -> io::Result<Vec<u8>> {
     let colour = ["R", "G", "B"].map(|name| image.floats(name).unwrap_or_default());
     let pixels = image.crop.size.x as usize * image.crop.size.y as usize;
     let bytes: Vec<u8> =
         (0..pixels).flat_map(|i| colour.map(|c| srgb8(c.get(i).copied().unwrap_or_default()))).collect();
-    write_atomically(path, |writer| {
-        let mut encoder = png::Encoder::new(writer, image.crop.size.x, image.crop.size.y);
-        encoder.set_color(png::ColorType::Rgb);
-        encoder.set_depth(png::BitDepth::Eight);
-        encoder.set_source_srgb(png::SrgbRenderingIntent::Perceptual);
-        let encode = || {
-            let mut writer = encoder.write_header()?;
-            writer.write_image_data(&bytes)?;
-            writer.finish()
-        };
-        encode().map_err(|error| match error {
-            png::EncodingError::IoError(error) => error,
-            other => io::Error::other(other),
-        })
-    })
+    let mut file = Vec::new();
+    let mut encoder = png::Encoder::new(&mut file, image.crop.size.x, image.crop.size.y);
+    encoder.set_color(png::ColorType::Rgb);
+    encoder.set_depth(png::BitDepth::Eight);
+    encoder.set_source_srgb(png::SrgbRenderingIntent::Perceptual);
+    let encode = || {
+        let mut writer = encoder.write_header()?;
+        writer.write_image_data(&bytes)?;
+        writer.finish()
+    };
+    encode().map_err(|error| match error {
+        png::EncodingError::IoError(error) => error,
+        other => io::Error::other(other),
+    })?;
+    Ok(file)
 }
 
 /// The sRGB transfer function (IEC 61966-2-1) in 8 bits. NaN is black.

@@ -75,7 +75,14 @@ impl<'a, 's, Q: RayQuery> Pass<'a, 's, Q> {
         this
     }
 
-    fn empty(world: &'a World<'s>, query: &'a Q, seed: u64, index: u32, area: SampledArea) -> Self {
+    /// A pass without photons or virtual lights.
+    pub(crate) fn empty(
+        world: &'a World<'s>,
+        query: &'a Q,
+        seed: u64,
+        index: u32,
+        area: SampledArea,
+    ) -> Self {
         Self { world, query, seed, index, area, photons: Photons::none(), vpls: VplSet::default() }
     }
 }

@@ -2,9 +2,13 @@
 
 use thiserror::Error;
 
-use super::BuildQuality;
+use super::crosscheck::Crosscheck;
 #[cfg(feature = "embree")]
-use super::embree::EmbreeSettings;
+use super::embree::{EmbreeError, EmbreeQuery, EmbreeSettings};
+use super::obvhs::ObvhsQuery;
+use super::recorder::Recorder;
+use super::{BuildQuality, Hit, Ray, RayQuery};
+use crate::scene::{Aabb, Shape};
 
 /// A backend with its settings.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
@@ -14,6 +18,8 @@ pub enum Backend {
     Embree(EmbreeSettings),
     /// The pure-Rust backend.
     Obvhs(BuildQuality),
+    /// The default backend, compared query by query with another: see [`Crosscheck`].
+    Crosscheck,
 }
 
 /// Why a choice was refused.
@@ -37,6 +43,10 @@ pub enum BackendError {
         /// What there is.
         known: &'static str,
     },
+    /// Embree refused to build.
+    #[cfg(feature = "embree")]
+    #[error(transparent)]
+    Embree(#[from] EmbreeError),
 }
 
 impl Default for Backend {
@@ -54,7 +64,15 @@ impl Backend {
         #[cfg(feature = "embree")]
         "embree",
         "obvhs",
+        "crosscheck",
     ];
+
+    /// What [`Crosscheck`](Self::Crosscheck) compares the default with: the other backend, or, where there is none, another tree.
+    const SECOND: Self = if cfg!(feature = "embree") {
+        Self::Obvhs(BuildQuality::Medium)
+    } else {
+        Self::Obvhs(BuildQuality::Low)
+    };
 
     /// The backend called `name` with settings given as text; those not given have their defaults.
     ///
@@ -65,8 +83,93 @@ impl Backend {
             #[cfg(feature = "embree")]
             "embree" => embree_settings(settings).map(Self::Embree),
             "obvhs" => obvhs_quality(settings).map(Self::Obvhs),
+            "crosscheck" => match settings.first() {
+                None => Ok(Self::Crosscheck),
+                Some((key, value)) => Err(bad_setting("crosscheck", key, value, "no settings")),
+            },
             _ => Err(BackendError::UnknownName { name: name.to_owned() }),
         }
+    }
+
+    /// Builds the backend over shapes.
+    ///
+    /// # Errors
+    /// If Embree refuses.
+    pub fn build(self, shapes: &[Shape]) -> Result<AnyQuery<'_>, BackendError> {
+        Ok(match self {
+            #[cfg(feature = "embree")]
+            Self::Embree(settings) => AnyQuery::Embree(EmbreeQuery::new(shapes, settings)?),
+            Self::Obvhs(quality) => AnyQuery::Obvhs(ObvhsQuery::new(shapes, quality)),
+            Self::Crosscheck => {
+                let (first, second) = (Self::default().build(shapes)?, Self::SECOND.build(shapes)?);
+                AnyQuery::Crosscheck(Box::new(Crosscheck::new(shapes, first, second)))
+            }
+        })
+    }
+}
+
+/// A backend whose kind is not known when compiling, for what is not about speed: each query costs a branch. It also saves compiling integrators
+/// for each pair of backends.
+pub enum AnyQuery<'s> {
+    /// Intel Embree.
+    #[cfg(feature = "embree")]
+    Embree(EmbreeQuery<'s>),
+    /// The pure-Rust backend.
+    Obvhs(ObvhsQuery<'s>),
+    /// Two of them, compared.
+    Crosscheck(Box<Crosscheck<'s, Self, Self>>),
+    /// One of them, whose rays are written down.
+    Recorder(Box<Recorder<Self>>),
+}
+
+/// Evaluates an expression with the backend inside of an [`AnyQuery`], compiled for each of them; where two are at work, or rays are written
+/// down, with the [`AnyQuery`] itself.
+macro_rules! with_query {
+    ($any:expr, $query:ident => $result:expr) => {
+        match $any {
+            #[cfg(feature = "embree")]
+            $crate::query::AnyQuery::Embree($query) => $result,
+            $crate::query::AnyQuery::Obvhs($query) => $result,
+            $query @ ($crate::query::AnyQuery::Crosscheck(_) | $crate::query::AnyQuery::Recorder(_)) => {
+                $result
+            }
+        }
+    };
+}
+pub(crate) use with_query;
+
+/// Asks whatever is inside.
+macro_rules! ask {
+    ($any:expr, $query:ident => $result:expr) => {
+        match $any {
+            #[cfg(feature = "embree")]
+            AnyQuery::Embree($query) => $result,
+            AnyQuery::Obvhs($query) => $result,
+            AnyQuery::Crosscheck($query) => $result,
+            AnyQuery::Recorder($query) => $result,
+        }
+    };
+}
+
+impl RayQuery for AnyQuery<'_> {
+    fn intersect(&self, ray: &Ray) -> Option<Hit> {
+        ask!(self, query => query.intersect(ray))
+    }
+
+    fn occluded(&self, ray: &Ray) -> bool {
+        ask!(self, query => query.occluded(ray))
+    }
+
+    fn bounds(&self) -> Aabb {
+        ask!(self, query => query.bounds())
+    }
+
+    fn memory(&self) -> usize {
+        ask!(self, query => query.memory())
+    }
+
+    fn name(&self) -> String {
+        ask!(self, query => query.name())
     }
 }
 

@@ -3,15 +3,23 @@
 //! A backend knows shapes and returns identities. It does not know materials, normals or texture
 //! coordinates: those are rebuilt from the hit by [`SurfacePoint`], the same way for all backends.
 //! Integrators are generic over [`RayQuery`], so that a query costs no dynamic dispatch.
+//!
+//! That the backends agree can be checked while anything is rendered ([`crosscheck`]); who is wrong where they do not is decided by brute
+//! force in f64 ([`reference`](mod@reference)).
 
 pub mod analytic;
 mod backend;
+pub mod crosscheck;
 #[cfg(feature = "embree")]
 pub mod embree;
+pub mod hexfloat;
 pub mod obvhs;
+pub mod recorder;
+pub mod reference;
 pub mod triangle;
 
-pub use backend::{Backend, BackendError};
+pub(crate) use backend::with_query;
+pub use backend::{AnyQuery, Backend, BackendError};
 
 use glam::Vec3;
 

@@ -177,6 +177,7 @@ fn main() {
                     count as usize,
                 );
             }
+            Backend::Crosscheck => unreachable!("it is not the default"),
         }
     }
 }
