@@ -11,19 +11,20 @@ use clap::Args;
 use glam::UVec2;
 use serde_json::json;
 
+use super::integrator::Wanted;
 use super::output::Outputs;
 use super::parse::{self, Spec};
 use super::progress::Bar;
 use super::{CliError, EXIT_DONE, EXIT_INTERRUPTED, debug_pixel};
 use crate::film::state::{RenderIdentity, load_state, save_state};
 use crate::film::{Aov, AovSet, Film, output};
+use crate::integrators::Integrator;
 use crate::integrators::photon_map::Lookup;
 use crate::integrators::photon_map::store::{PhotonReader, PhotonStore, PhotonWriter};
-use crate::integrators::{Integrator, IntegratorError};
 use crate::query::{Backend, RayQuery};
 use crate::render::{Control, Progress, Stop, Target, render_with_store};
 use crate::scene::load::{LoadOptions, Loaded, load};
-use crate::scene::{IntegratorSettings, PixelRect, Scene};
+use crate::scene::{PixelRect, Scene};
 use crate::strategies::{self, StrategyImages};
 use crate::transport::World;
 
@@ -82,7 +83,7 @@ pub(super) struct RenderArgs {
     /// obvhs (setting quality=low|medium|high)
     #[arg(long, value_name = "NAME:KEY=VALUE,...", value_parser = parse::spec)]
     backend: Option<Spec>,
-    /// Algorithm instead of the scene's: path, paths from the camera (max_depth, rr_depth, hide_emitters); ptracer, paths from the lights
+    /// Algorithm instead of the scene's, which is auto where it names none: auto, whichever of the next ones has the least error at equal cost in a short trial (max_depth, rr_depth); path, paths from the camera (max_depth, rr_depth, hide_emitters); ptracer, paths from the lights
     /// (max_depth, rr_depth, connect=nee|hit|both); bdpt, both and their connections (max_depth, rr_depth, exponent=1|2); photonmapper, photons from
     /// the lights gathered around what the camera sees (max_depth, rr_depth, photons, lookup=knn|radius, k, radius, filter=constant|cone|gaussian,
     /// direct=photons|nee, mode=full|caustic, final_gather, show=radiance|photons); sppm, the same with a radius that shrinks from pass to pass (alpha, and no lookup or k); vpl,
@@ -145,17 +146,39 @@ pub(super) fn run(args: &RenderArgs) -> Result<u8, CliError> {
         }
     }
     args.edit(&mut scene)?;
-    let integrator = args.integrator(&scene)?;
+    let wanted = Wanted::new(args.integrator.as_ref(), &scene.integrator, args.lenient)?;
     let load_time = start.elapsed();
     let start = Instant::now();
-    let target = Target { integrator, seed: args.seed };
-    let job = Job { args, scene: &scene, files: &files, outputs, target, load_time, start };
+    let setup = Setup { args, scene: &scene, files: &files, outputs, wanted, load_time, start };
     match args.backend()? {
         #[cfg(feature = "embree")]
         Backend::Embree(settings) => {
-            job.run(&crate::query::embree::EmbreeQuery::new(&scene.shapes, settings)?)
+            setup.run(&crate::query::embree::EmbreeQuery::new(&scene.shapes, settings)?)
         }
-        Backend::Obvhs(quality) => job.run(&crate::query::obvhs::ObvhsQuery::new(&scene.shapes, quality)),
+        Backend::Obvhs(quality) => setup.run(&crate::query::obvhs::ObvhsQuery::new(&scene.shapes, quality)),
+    }
+}
+
+/// A render whose backend is about to be chosen, and with it perhaps the integrator.
+struct Setup<'a> {
+    args: &'a RenderArgs,
+    scene: &'a Scene,
+    files: &'a [PathBuf],
+    outputs: Outputs,
+    wanted: Wanted,
+    load_time: Duration,
+    start: Instant,
+}
+
+impl Setup<'_> {
+    fn run<Q: RayQuery>(self, query: &Q) -> Result<u8, CliError> {
+        let Self { args, scene, files, outputs, wanted, load_time, start } = self;
+        let build_time = start.elapsed();
+        let (integrator, remark) = wanted.resolve(scene, query)?;
+        let target = Target { integrator, seed: args.seed };
+        let job = Job { args, scene, files, outputs, target, load_time, build_time };
+        job.say(remark.as_slice());
+        job.run(query)
     }
 }
 
@@ -180,32 +203,6 @@ impl RenderArgs {
         Ok(())
     }
 
-    fn integrator(&self, scene: &Scene) -> Result<Integrator, CliError> {
-        let settings = &scene.integrator;
-        Ok(match (&self.integrator, &settings.name) {
-            (Some(spec), _) => Integrator::new(&spec.name, &spec.parameters)?,
-            (None, Some(name)) => match Integrator::new(name, &settings.parameters) {
-                Ok(integrator) => integrator,
-                Err(error) => self.replace_integrator(settings, &error)?,
-            },
-            (None, None) => Integrator::new("path", &[])?,
-        })
-    }
-
-    /// What stands in for an integrator of the scene that there is not, if lenience allows it.
-    fn replace_integrator(
-        &self,
-        settings: &IntegratorSettings,
-        error: &IntegratorError,
-    ) -> Result<Integrator, CliError> {
-        let at = settings.location.as_ref().map(|l| format!("{l}: ")).unwrap_or_default();
-        if !self.lenient {
-            return Err(format!("{at}{error}; --integrator names another, --lenient takes path").into());
-        }
-        eprintln!("warning: {at}{error}; path is used");
-        Ok(Integrator::new("path", &[])?)
-    }
-
     fn backend(&self) -> Result<Backend, CliError> {
         Ok(match &self.backend {
             Some(spec) => Backend::new(&spec.name, &spec.parameters)?,
@@ -224,7 +221,7 @@ impl RenderArgs {
     }
 }
 
-/// A render whose backend is about to be chosen.
+/// A render.
 struct Job<'a> {
     args: &'a RenderArgs,
     scene: &'a Scene,
@@ -232,13 +229,15 @@ struct Job<'a> {
     outputs: Outputs,
     target: Target,
     load_time: Duration,
-    start: Instant,
+    /// Of the backend.
+    build_time: Duration,
 }
 
 impl Job<'_> {
     fn run<Q: RayQuery>(self, query: &Q) -> Result<u8, CliError> {
+        let start = Instant::now();
         let world = World::new(self.scene);
-        let build_time = self.start.elapsed();
+        let build_time = self.build_time + start.elapsed();
         if let Some(pixel) = self.args.debug_pixel {
             return self.debug_pixel(&world, query, pixel);
         }

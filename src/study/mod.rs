@@ -1,9 +1,13 @@
-//! The trade between speed and accuracy, measured: how far images are from a reference.
+//! The trade between speed and accuracy, measured: how far images are from a reference, and which integrator suits a scene.
 //!
-//! [`picture`] reads images of any program, [`metrics`] compares numbers, [`flip`] compares what people see, [`heat`] shows where they differ. Nothing here
-//! renders; nothing here prints.
+//! [`picture`] reads images of any program, [`metrics`] compares numbers, [`flip`] compares what people see, [`heat`] shows where they differ. [`pilot`] renders
+//! a few pixels to learn what carries light, [`auto`] chooses an integrator by that, and [`verify`]
+//! holds it against what integrators should be able to do. Nothing here prints.
 
+pub mod auto;
 pub mod flip;
 pub mod heat;
 pub mod metrics;
 pub mod picture;
+pub mod pilot;
+pub mod verify;
