@@ -9,8 +9,9 @@ use glam::{IVec2, Vec2};
 use rayon::prelude::*;
 
 use crate::film::{AovRecord, Film, FilmError, PassSamples, Sample, Splat};
+use crate::integrators::TooManyStored;
 use crate::integrators::photon_map::store::{PhotonFileError, PhotonStore};
-use crate::integrators::photon_map::{PhotonMapper, Show, TooManyPhotons};
+use crate::integrators::photon_map::{PhotonMapper, Show};
 use crate::integrators::{Integrator, Pass, PathObserver, Scratch, Strategy, Unobserved};
 use crate::query::RayQuery;
 use crate::scene::Rgb;
@@ -67,9 +68,9 @@ pub enum RenderError {
     /// The film has no memory for a pass.
     #[error(transparent)]
     Film(#[from] FilmError),
-    /// A pass has too many photons.
+    /// A pass has too many photons or virtual lights.
     #[error(transparent)]
-    Photons(#[from] TooManyPhotons),
+    TooManyStored(#[from] TooManyStored),
     /// The file that photons come from or go to fails.
     #[error(transparent)]
     PhotonFile(#[from] PhotonFileError),

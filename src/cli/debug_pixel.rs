@@ -5,7 +5,7 @@ use std::fmt::Write as _;
 use glam::{UVec2, Vec2, Vec3};
 
 use crate::film::SampledArea;
-use crate::integrators::photon_map::TooManyPhotons;
+use crate::integrators::TooManyStored;
 use crate::integrators::{Pass, PathObserver, Scratch, Strategy, Unobserved};
 use crate::query::RayQuery;
 use crate::render::{Target, light_path_count, sample_pixel, trace_light_path};
@@ -23,7 +23,7 @@ pub(super) fn describe<Q: RayQuery>(
     area: SampledArea,
     pixel: UVec2,
     passes: std::ops::Range<u32>,
-) -> Result<String, TooManyPhotons> {
+) -> Result<String, TooManyStored> {
     let mut text = String::new();
     let pixel = pixel.as_ivec2();
     for index in passes {

@@ -12,7 +12,7 @@
 use glam::{IVec2, Vec3};
 
 use super::light_path::{self, LightVertex};
-use super::parameters::{PathLength, bad, unknown};
+use super::parameters::{PathLength, choice, unknown, word};
 use super::pass::{Pass, Scratch};
 use super::weights::Weights;
 use super::{IntegratorError, PathObserver, Strategy};
@@ -39,6 +39,9 @@ impl Default for Bidirectional {
     }
 }
 
+/// Exponents of the densities in the weights.
+const EXPONENTS: [(&str, Heuristic); 2] = [("1", Heuristic::Balance), ("2", Heuristic::Power)];
+
 /// Dimension sets of the sampler, as in [`backward`](super::backward).
 const DIRECTION_SET: u32 = 1;
 const CHOICE_SET: u32 = 2;
@@ -62,13 +65,7 @@ impl Bidirectional {
         let mut this = Self::default();
         for (name, value) in parameters {
             match name.as_str() {
-                "exponent" => {
-                    this.heuristic = match value.as_str() {
-                        "1" => Heuristic::Balance,
-                        "2" => Heuristic::Power,
-                        _ => return Err(bad("exponent", value, "1 (balance heuristic) or 2")),
-                    };
-                }
+                "exponent" => this.heuristic = choice("exponent", value, &EXPONENTS)?,
                 _ if this.length.read(name, value)? => {}
                 _ => return Err(unknown("bdpt", name, "max_depth, rr_depth, exponent")),
             }
@@ -78,11 +75,7 @@ impl Bidirectional {
 
     /// Name and parameters, in the form that the command line takes.
     pub fn describe(&self) -> String {
-        let exponent = match self.heuristic {
-            Heuristic::Balance => 1,
-            Heuristic::Power => 2,
-        };
-        format!("bdpt:{},exponent={exponent}", self.length.describe())
+        format!("bdpt:{},exponent={}", self.length.describe(), word(&EXPONENTS, &self.heuristic))
     }
 
     /// Traces the light path of a slot; its splats and vertices go to `scratch`.

@@ -6,7 +6,7 @@
 //! which makes it a bad choice for open worlds.
 
 use super::light_path;
-use super::parameters::{PathLength, bad, unknown};
+use super::parameters::{PathLength, choice, unknown, word};
 use super::pass::{Pass, Scratch};
 use super::weights::Weights;
 use super::{IntegratorError, PathObserver};
@@ -47,10 +47,7 @@ impl Forward {
         let mut this = Self::default();
         for (name, value) in parameters {
             match name.as_str() {
-                "connect" => {
-                    let found = Connect::ALL.iter().find(|(known, _)| known == value);
-                    this.connect = found.ok_or_else(|| bad("connect", value, "`nee`, `hit` or `both`"))?.1;
-                }
+                "connect" => this.connect = choice("connect", value, &Connect::ALL)?,
                 _ if this.length.read(name, value)? => {}
                 _ => return Err(unknown("ptracer", name, "max_depth, rr_depth, connect")),
             }
@@ -60,7 +57,7 @@ impl Forward {
 
     /// Name and parameters, in the form that the command line takes.
     pub fn describe(&self) -> String {
-        let connect = Connect::ALL.iter().find(|(_, c)| *c == self.connect).map_or("", |(name, _)| name);
+        let connect = word(&Connect::ALL, &self.connect);
         format!("ptracer:{},connect={connect}", self.length.describe())
     }
 

@@ -6,6 +6,7 @@
 mod ability;
 pub mod backward;
 pub mod bidirectional;
+mod collect;
 pub mod forward;
 mod light_path;
 mod observer;
@@ -17,6 +18,7 @@ pub mod weights;
 
 pub use ability::Ability;
 pub(crate) use backward::Caustics;
+pub use collect::TooManyStored;
 pub use observer::{PathObserver, Strategy, Unobserved};
 pub use parameters::PathLength;
 pub use pass::{Pass, Scratch};
@@ -72,7 +74,7 @@ pub enum IntegratorError {
         /// Its value.
         value: String,
         /// What the value should be.
-        expected: &'static str,
+        expected: String,
     },
 }
 

@@ -1,5 +1,7 @@
 //! Parameters that integrators share, read from text. Names, meaning and defaults are Mitsuba's.
 
+use std::str::FromStr;
+
 use super::IntegratorError;
 
 /// Limits on the length of paths.
@@ -54,12 +56,7 @@ impl PathLength {
                 };
             }
             "rr_depth" => {
-                let depth: u32 = value.parse().unwrap_or(0);
-                self.rr_depth = if depth > 0 {
-                    depth
-                } else {
-                    return Err(bad("rr_depth", value, "an integer of at least 1"));
-                };
+                self.rr_depth = number("rr_depth", value, |&depth| depth > 0, "an integer of at least 1")?;
             }
             _ => return Ok(false),
         }
@@ -72,8 +69,37 @@ impl PathLength {
 }
 
 /// A parameter has a value that it cannot have.
-pub(super) fn bad(parameter: &'static str, value: &str, expected: &'static str) -> IntegratorError {
-    IntegratorError::BadValue { parameter, value: value.to_owned(), expected }
+pub(super) fn bad(parameter: &'static str, value: &str, expected: impl Into<String>) -> IntegratorError {
+    IntegratorError::BadValue { parameter, value: value.to_owned(), expected: expected.into() }
+}
+
+/// The choice that one of some words stands for.
+pub(super) fn choice<T: Copy>(
+    parameter: &'static str,
+    value: &str,
+    choices: &[(&str, T)],
+) -> Result<T, IntegratorError> {
+    let found = choices.iter().find(|(word, _)| *word == value);
+    found.map(|(_, choice)| *choice).ok_or_else(|| {
+        let words: Vec<_> = choices.iter().map(|(word, _)| format!("`{word}`")).collect();
+        let (last, others) = words.split_last().map_or(("", &[][..]), |(last, others)| (last, others));
+        bad(parameter, value, format!("{} or {last}", others.join(", ")))
+    })
+}
+
+/// The word that stands for a choice.
+pub(super) fn word<T: PartialEq>(choices: &[(&'static str, T)], choice: &T) -> &'static str {
+    choices.iter().find(|(_, c)| c == choice).map_or("", |(word, _)| word)
+}
+
+/// A number that is accepted.
+pub(super) fn number<T: FromStr>(
+    parameter: &'static str,
+    value: &str,
+    accepts: impl Fn(&T) -> bool,
+    expected: &str,
+) -> Result<T, IntegratorError> {
+    value.parse().ok().filter(accepts).ok_or_else(|| bad(parameter, value, expected))
 }
 
 /// There is no such parameter.

@@ -3,8 +3,9 @@
 use glam::{IVec2, Vec2};
 
 use super::Integrator;
+use super::collect::TooManyStored;
 use super::light_path::LightVertex;
-use super::photon_map::{NearestHeap, PhotonMap, Photons, TooManyPhotons};
+use super::photon_map::{NearestHeap, PhotonMap, Photons};
 use super::vpl::VplSet;
 use crate::film::{SampledArea, Splat};
 use crate::query::RayQuery;
@@ -39,7 +40,7 @@ impl<'a, 's, Q: RayQuery> Pass<'a, 's, Q> {
     /// A pass, ready for its samples: traces its photons or virtual lights if the integrator needs them, on all threads.
     ///
     /// # Errors
-    /// If there are too many photons.
+    /// If there are too many photons or virtual lights.
     pub fn new(
         world: &'a World<'s>,
         query: &'a Q,
@@ -47,11 +48,11 @@ impl<'a, 's, Q: RayQuery> Pass<'a, 's, Q> {
         seed: u64,
         index: u32,
         area: SampledArea,
-    ) -> Result<Self, TooManyPhotons> {
+    ) -> Result<Self, TooManyStored> {
         let mut this = Self::empty(world, query, seed, index, area);
         match integrator {
             Integrator::PhotonMap(mapper) => this.photons = mapper.photons(&this)?,
-            Integrator::VirtualLights(vpl) => this.vpls = vpl.lights(&this),
+            Integrator::VirtualLights(vpl) => this.vpls = vpl.lights(&this)?,
             Integrator::Backward(_) | Integrator::Forward(_) | Integrator::Bidirectional(_) => {}
         }
         Ok(this)

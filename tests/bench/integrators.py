@@ -41,7 +41,7 @@ def rel_mse(image, reference):
 
 
 def ours(scene, integrator, seconds, size, seed, depth=DEPTH):
-    """Image, samples per pixel and time. `integrator` may have parameters."""
+    """Image, samples per pixel and time. `integrator` may have parameters; a depth of -1 is no limit."""
     name = f"{integrator}{',' if ':' in integrator else ':'}max_depth={depth}"
     with tempfile.TemporaryDirectory() as folder:
         image = pathlib.Path(folder) / "image.exr"
@@ -49,6 +49,21 @@ def ours(scene, integrator, seconds, size, seed, depth=DEPTH):
         command += ["--integrator", name, "--seed", str(seed), "--quiet", "--json", "-o", image]
         report = json.loads(subprocess.run(command, check=True, capture_output=True).stdout)
         return load(image), report["passes"], report["render_seconds"]
+
+
+def reference(folder, scene, integrator, seconds, size, depth):
+    """Mean of two halves, kept in a folder and rendered for `seconds` each if they are not there. Prints the relMSE of its noise."""
+    folder.mkdir(parents=True, exist_ok=True)
+    halves = []
+    for seed in (9001, 9002):
+        path = folder / f"{scene.stem}-{size[0]}x{size[1]}-{depth}-{seed}.exr"
+        if not path.exists():
+            image, _, _ = ours(scene, integrator, seconds, size, seed, depth)
+            mi.Bitmap(image.astype(np.float32)).write(str(path))
+        halves.append(load(path))
+    noise = rel_mse(*halves) / 4
+    print(f"{scene.stem}: reference by {integrator}; its noise is about relMSE {noise:.2g}", flush=True)
+    return (halves[0] + halves[1]) / 2
 
 
 def mitsubas(scene, variant, plugin, seconds, size, seed, depth=DEPTH):

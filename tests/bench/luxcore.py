@@ -5,27 +5,21 @@
     .venv/bin/python tests/bench/luxcore.py 20 REFERENCE.exr
 
 REFERENCE is a long render of the same scene without a limit on depth and with another seed, for instance
-    target/release/helmholtz render scenes/cornell-box.xml --integrator bdpt --spp 400 --seed 999 -o REFERENCE.exr
+    target/release/helmholtz render scenes/cornell-box.xml --size 256x256 --integrator bdpt --spp 400 --seed 999 -o REFERENCE.exr
 LuxCore's Russian roulette is off, as it biases the weights of its strategies by several percent; in its place both of its subpaths have at most
 LUX_DEPTH vertices. Units differ, so its image is scaled to the mean of the reference; relMSE is the mean of (I - R)^2 / (R^2 + 0.01) without the
 border of 4 pixels.
 """
 
-import json
 import os
-import pathlib
-import subprocess
 import sys
-import tempfile
 import time
 
 import mitsuba as mi
 import numpy as np
 
-mi.set_variant("scalar_rgb")
+from integrators import BORDER, PROJECT, load, ours, rel_mse
 
-PROJECT = pathlib.Path(__file__).resolve().parents[2]
-BORDER = 4
 LUX_DEPTH = 10
 CUBE = [
     ((-1, -1, -1), (-1, 1, -1), (1, 1, -1), (1, -1, -1)),
@@ -36,11 +30,6 @@ CUBE = [
     ((1, -1, -1), (1, 1, -1), (1, 1, 1), (1, -1, 1)),
 ]
 RECTANGLE = [((-1, -1, 0), (1, -1, 0), (1, 1, 0), (-1, 1, 0))]
-
-
-def load(path):
-    bitmap = mi.Bitmap(str(path)).convert(mi.Bitmap.PixelFormat.RGB, mi.Struct.Type.Float32, False)
-    return np.array(bitmap, dtype=np.float64)
 
 
 def lux_scene(pyluxcore, width, height):
@@ -113,22 +102,12 @@ def main():
     pyluxcore.Init(lambda message: None)
     height, width = reference.shape[:2]
     inner = (slice(BORDER, -BORDER), slice(BORDER, -BORDER))
-
-    def rel_mse(image):
-        a, b = image[inner], reference[inner]
-        return float(((a - b) ** 2 / (b**2 + 0.01)).mean())
-
     for run in range(3):
-        with tempfile.TemporaryDirectory() as folder:
-            image = pathlib.Path(folder) / "ours.exr"
-            command = [PROJECT / "target/release/helmholtz", "render", PROJECT / "scenes/cornell-box.xml", "--time", f"{seconds}s"]
-            command += ["--integrator", "bdpt", "--seed", str(100 + run), "--quiet", "--json", "-o", image]
-            ours = json.loads(subprocess.run(command, check=True, capture_output=True).stdout)
-            rate = ours["passes"] * width * height / ours["render_seconds"] / 1e6
-            print(f"helmholtz bdpt {rate:.3f} M samples/s, relMSE {rel_mse(load(image)):.6f}")
+        image, passes, elapsed = ours(PROJECT / "scenes/cornell-box.xml", "bdpt", seconds, (width, height), 100 + run, -1)
+        print(f"helmholtz bdpt {passes * width * height / elapsed / 1e6:.3f} M samples/s, relMSE {rel_mse(image, reference):.6f}")
         lux, samples, elapsed = render_lux(pyluxcore, seconds, width, height)
         scale = reference[inner].mean() / lux[inner].mean()
-        error = rel_mse(lux * scale)
+        error = rel_mse(lux * scale, reference)
         print(f"BIDIRCPU {samples / elapsed / 1e6:.3f} M samples/s, relMSE {error:.6f} (scaled by {scale:.4f})", flush=True)
 
 

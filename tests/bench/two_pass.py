@@ -18,10 +18,7 @@ import pathlib
 import statistics
 import subprocess
 
-import mitsuba as mi
-import numpy as np
-
-from integrators import PROJECT, load, mitsubas, ours, rel_mse
+from integrators import PROJECT, mitsubas, ours, reference, rel_mse
 
 SIZE = (256, 256)
 # Scene, depth, integrator of the reference.
@@ -57,19 +54,6 @@ CONFIGURATIONS = [
 ]
 
 
-def reference(folder, scene, seconds):
-    depth, integrator = SCENES[scene]
-    halves = []
-    for seed in (9001, 9002):
-        path = folder / f"{scene}-{SIZE[0]}x{SIZE[1]}-{seed}.exr"
-        if not path.exists():
-            image, _, _ = ours(PROJECT / f"scenes/{scene}.xml", integrator, REFERENCE_TIMES * seconds / 2, SIZE, seed, depth)
-            mi.Bitmap(image.astype(np.float32)).write(str(path))
-        halves.append(load(path))
-    print(f"{scene}: reference by {integrator}; its noise is about relMSE {rel_mse(*halves) / 4:.2g}", flush=True)
-    return (halves[0] + halves[1]) / 2
-
-
 def error(scene, integrator, seconds, runs, expected):
     """Median relMSE at `seconds`; `None` if there is no such integrator. A pass too many or too few is scaled away as noise would be."""
     depth, _ = SCENES[scene]
@@ -97,8 +81,11 @@ def main():
     parser.add_argument("--runs", type=int, default=3)
     parser.add_argument("--mitsuba", metavar="VARIANT")
     arguments = parser.parse_args()
-    arguments.references.mkdir(parents=True, exist_ok=True)
-    expected = {scene: reference(arguments.references, scene, arguments.seconds) for scene in arguments.scenes}
+    expected = {}
+    for scene in arguments.scenes:
+        depth, integrator = SCENES[scene]
+        path, seconds = PROJECT / f"scenes/{scene}.xml", REFERENCE_TIMES * arguments.seconds / 2
+        expected[scene] = reference(arguments.references, path, integrator, seconds, SIZE, depth)
     configurations = CONFIGURATIONS + ([f"mitsuba:{arguments.mitsuba}:path"] if arguments.mitsuba else [])
     table = {}
     print("\n| | " + " | ".join(expected) + " |\n|---" + "|---" * len(expected) + "|")

@@ -69,6 +69,9 @@ fn loaded_photons_make_the_same_image() {
     }
 }
 
+/// Photons in the file of [`small_file`]: enough for a tree with an inner node.
+const STORED: u32 = 40;
+
 /// A map of some photons in a file of passes 2 and 9.
 fn small_file(path: &Path, expected: &RenderIdentity) {
     let mut random = Random::new(3);
@@ -77,7 +80,7 @@ fn small_file(path: &Path, expected: &RenderIdentity) {
         Photon::new(p, power, random.direction(), random.direction(), 3, false)
     };
     let mut writer = PhotonWriter::create(path, expected).expect("a file");
-    let map = PhotonMap::new((0..20).map(&mut photon).collect());
+    let map = PhotonMap::new((0..STORED).map(&mut photon).collect());
     writer.add(2, &map).expect("written");
     writer.add(9, &PhotonMap::new(Vec::new())).expect("written");
     writer.finish().expect("written");
@@ -143,12 +146,12 @@ fn damaged_files_are_refused() {
     let header = u32::from_le_bytes(whole[12..16].try_into().expect("four bytes")) as usize;
     let first = 16 + header;
     // Pass and count of the first map, its first photon, its first node, and the number of passes at the end.
-    let (count, photon, node) = (first + 4, first + 8, first + 8 + 20 * 32);
+    let (count, photon, node) = (first + 4, first + 8, first + 8 + STORED as usize * 32);
     let passes = whole.len() - 8;
     for (at, bytes, told) in [
         (12, u32::MAX.to_le_bytes(), "end is missing"),
         (count, u32::MAX.to_le_bytes(), "ends before"),
-        (count, 19_u32.to_le_bytes(), "damaged"),
+        (count, (STORED - 1).to_le_bytes(), "damaged"),
         (first, 9_u32.to_le_bytes(), "order"),
         (first, u32::MAX.to_le_bytes(), "missing"),
         (passes, 3_u32.to_le_bytes(), "missing"),

@@ -3,7 +3,7 @@
 use std::f32::consts::FRAC_1_PI;
 
 use super::super::IntegratorError;
-use super::super::parameters::bad;
+use super::super::parameters::{choice, word};
 
 /// Slope of the lecture's Gaussian (Pavicic, in Graphics Gems).
 const BETA: f32 = 1.953;
@@ -26,14 +26,11 @@ impl Filter {
         [("constant", Self::Constant), ("cone", Self::Cone), ("gaussian", Self::Gaussian)];
 
     pub(super) fn parse(value: &str) -> Result<Self, IntegratorError> {
-        let found = Self::ALL.iter().find(|(name, _)| *name == value);
-        found
-            .map(|(_, filter)| *filter)
-            .ok_or_else(|| bad("filter", value, "`constant`, `cone` or `gaussian`"))
+        choice("filter", value, &Self::ALL)
     }
 
     pub(super) fn name(self) -> &'static str {
-        Self::ALL.iter().find(|(_, filter)| *filter == self).map_or("", |(name, _)| name)
+        word(&Self::ALL, &self)
     }
 
     /// Density per unit area of the filter on a disc of radius 1, at the squared distance `x` in [0, 1) from its middle. Its integral over the

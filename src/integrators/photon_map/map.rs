@@ -11,7 +11,7 @@ use rayon::prelude::*;
 use super::photon::Photon;
 
 /// Most photons in a leaf.
-const LEAF: usize = 8;
+const LEAF: usize = 32;
 
 /// Ranges up to this size are sorted by one task: half a megabyte.
 const PHOTONS_PER_TASK: usize = 1 << 14;

@@ -40,10 +40,10 @@ mod trace;
 pub use kernel::Filter;
 pub use map::{NearestHeap, PhotonMap, Site};
 pub use photon::Photon;
-pub use trace::{Photons, TooManyPhotons};
+pub use trace::Photons;
 
 use super::IntegratorError;
-use super::parameters::{PathLength, bad, unknown};
+use super::parameters::{PathLength, bad, choice, number, unknown};
 
 /// Which photons an estimate takes.
 #[derive(Debug, Clone, Copy, PartialEq)]
@@ -159,50 +159,41 @@ impl PhotonMapper {
         let name = if is_progressive { "sppm" } else { "photonmapper" };
         for (parameter, value) in parameters {
             match parameter.as_str() {
-                "photons" => this.photons = integer("photons", value, 1..=MAX_PHOTONS, "from 1 to 2^28")?,
+                "photons" => {
+                    let range = 1..=MAX_PHOTONS;
+                    this.photons = number("photons", value, |n| range.contains(n), "from 1 to 2^28")?;
+                }
                 "filter" => this.filter = Filter::parse(value)?,
                 "direct" => {
-                    this.direct = match value.as_str() {
-                        "photons" => Direct::Photons,
-                        "nee" => Direct::Nee,
-                        _ => return Err(bad("direct", value, "`photons` or `nee`")),
-                    };
+                    let choices = [("photons", Direct::Photons), ("nee", Direct::Nee)];
+                    this.direct = choice("direct", value, &choices)?;
                 }
                 "mode" => {
-                    this.mode = match value.as_str() {
-                        "full" => Mode::Full,
-                        "caustic" => Mode::Caustic,
-                        _ => return Err(bad("mode", value, "`full` or `caustic`")),
-                    };
+                    this.mode = choice("mode", value, &[("full", Mode::Full), ("caustic", Mode::Caustic)])?;
                 }
                 "radius" => {
                     // Squares and their inverses are in range then.
-                    let parsed = value.parse().ok().filter(|r: &f32| (1e-18..=1e18).contains(r));
                     let expected = "a positive, finite length in world units, from 1e-18 to 1e18";
-                    radius = Some(parsed.ok_or_else(|| bad("radius", value, expected))?);
+                    radius = Some(number("radius", value, |r| (1e-18..=1e18).contains(r), expected)?);
                 }
                 "show" => {
-                    this.show = match value.as_str() {
-                        "radiance" => Show::Radiance,
-                        "photons" => Show::Photons,
-                        _ => return Err(bad("show", value, "`radiance` or `photons`")),
-                    };
+                    let choices = [("radiance", Show::Radiance), ("photons", Show::Photons)];
+                    this.show = choice("show", value, &choices)?;
                 }
                 "final_gather" => {
-                    this.final_gather = integer("final_gather", value, 0..=MAX_GATHER, "from 0 to 65536")?;
+                    let expected = "from 0 to 65536";
+                    this.final_gather = number("final_gather", value, |&n| n <= MAX_GATHER, expected)?;
                 }
                 "alpha" if is_progressive => {
-                    let parsed = value.parse().ok().filter(|a: &f32| *a > 0.0 && *a < 1.0);
-                    alpha = parsed.ok_or_else(|| bad("alpha", value, "a number between 0 and 1"))?;
+                    alpha = number("alpha", value, |&a| a > 0.0 && a < 1.0, "a number between 0 and 1")?;
                 }
                 "lookup" if !is_progressive => {
-                    by_radius = match value.as_str() {
-                        "knn" => false,
-                        "radius" => true,
-                        _ => return Err(bad("lookup", value, "`knn` or `radius`")),
-                    };
+                    by_radius = choice("lookup", value, &[("knn", false), ("radius", true)])?;
                 }
-                "k" if !is_progressive => k = Some(integer("k", value, 1..=MAX_NEAREST, "from 1 to 2^20")?),
+                "k" if !is_progressive => {
+                    let range = 1..=MAX_NEAREST;
+                    k = Some(number("k", value, |n| range.contains(n), "from 1 to 2^20")?);
+                }
                 _ if this.length.read(parameter, value)? => {}
                 _ if is_progressive => {
                     let known = "max_depth, rr_depth, photons, radius, alpha, filter, direct, mode, final_gather, show";
@@ -275,13 +266,4 @@ impl PhotonMapper {
 
 fn show(radius: Option<f32>) -> String {
     radius.map_or_else(String::new, |radius| format!(",radius={radius}"))
-}
-
-fn integer(
-    name: &'static str,
-    value: &str,
-    range: std::ops::RangeInclusive<u32>,
-    expected: &'static str,
-) -> Result<u32, IntegratorError> {
-    value.parse().ok().filter(|n| range.contains(n)).ok_or_else(|| bad(name, value, expected))
 }

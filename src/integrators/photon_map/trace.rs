@@ -1,9 +1,6 @@
 //! Phase 1: photons are sent out and stored, and how a pass looks them up is settled.
 
-use std::sync::atomic::{AtomicUsize, Ordering};
-
-use rayon::prelude::*;
-
+use super::super::collect::{TooManyStored, collect};
 use super::super::light_path::{self, Landing};
 use super::super::pass::Pass;
 use super::kernel::Filter;
@@ -21,41 +18,6 @@ const DEFAULT_RADIUS: f32 = 1.0 / 200.0;
 
 /// Photons that a pass may store, 2 GiB of them; their number follows from the scene only when they are traced.
 const MAX_STORED: usize = 1 << 26;
-
-/// A pass would store more photons than there may be.
-#[derive(Debug, Clone, PartialEq, Eq, thiserror::Error)]
-#[error("more than {limit} photons ({} MiB) would be stored in a pass; emit fewer in each (photons=) and make more passes", (limit * size_of::<Photon>()) >> 20)]
-pub struct TooManyPhotons {
-    /// Most photons that may be stored.
-    pub limit: usize,
-}
-
-/// Sends out `count` photons by `trace`, which stores them and returns the number of rays, on all threads; stops soon after there are more than `limit`.
-/// They are in the order of their slots.
-fn collect(
-    count: u32,
-    limit: usize,
-    trace: impl Fn(u32, &mut Vec<Photon>) -> u64 + Sync,
-) -> Result<(Vec<Photon>, u64), TooManyPhotons> {
-    let total = AtomicUsize::new(0);
-    let run = |task: u32| {
-        let (mut stored, mut rays) = (Vec::new(), 0);
-        let first = task * PATHS_PER_TASK;
-        for slot in first..(first + PATHS_PER_TASK).min(count) {
-            rays += trace(slot, &mut stored);
-        }
-        let before = total.fetch_add(stored.len(), Ordering::Relaxed);
-        if before + stored.len() > limit { Err(TooManyPhotons { limit }) } else { Ok((stored, rays)) }
-    };
-    let tasks: Vec<_> =
-        (0..count.div_ceil(PATHS_PER_TASK)).into_par_iter().map(run).collect::<Result<_, _>>()?;
-    let rays = tasks.iter().map(|(_, rays)| rays).sum();
-    let mut photons = Vec::with_capacity(total.into_inner());
-    for (stored, _) in tasks {
-        photons.extend(stored);
-    }
-    Ok((photons, rays))
-}
 
 /// The photons of a pass and how they are looked up.
 #[derive(Debug)]
@@ -90,7 +52,7 @@ impl PhotonMapper {
     pub(in crate::integrators) fn photons<Q: RayQuery>(
         &self,
         pass: &Pass<Q>,
-    ) -> Result<Photons, TooManyPhotons> {
+    ) -> Result<Photons, TooManyStored> {
         let (photons, rays) = self.trace(pass)?;
         Ok(self.look_up(pass, PhotonMap::new(photons), rays))
     }
@@ -99,9 +61,17 @@ impl PhotonMapper {
     ///
     /// # Errors
     /// If there are too many.
-    pub fn trace<Q: RayQuery>(&self, pass: &Pass<Q>) -> Result<(Vec<Photon>, u64), TooManyPhotons> {
-        let trace = |slot, stored: &mut _| self.trace_photon(pass, slot, stored);
-        collect(self.photons, MAX_STORED, trace)
+    pub fn trace<Q: RayQuery>(&self, pass: &Pass<Q>) -> Result<(Vec<Photon>, u64), TooManyStored> {
+        let bytes = size_of::<Photon>();
+        let error = TooManyStored { what: "photons", parameter: "photons", limit: MAX_STORED, bytes };
+        let trace = |slot, (stored, rays): &mut (Vec<_>, u64)| *rays += self.trace_photon(pass, slot, stored);
+        let tasks = collect(self.photons, PATHS_PER_TASK, &error, |(stored, _)| stored.len(), trace)?;
+        let rays = tasks.iter().map(|(_, rays)| rays).sum();
+        let mut photons = Vec::with_capacity(tasks.iter().map(|(stored, _)| stored.len()).sum());
+        for (stored, _) in tasks {
+            photons.extend(stored);
+        }
+        Ok((photons, rays))
     }
 
     /// A map as the pass looks it up.
@@ -173,29 +143,7 @@ fn shrink(alpha: f64, index: u32) -> f64 {
 
 #[cfg(test)]
 mod tests {
-    use std::sync::atomic::{AtomicU32, Ordering};
-
-    use glam::Vec3;
-
-    use super::{Photon, TooManyPhotons, collect, shrink};
-
-    /// An error as soon as there are too many, long before all are traced; in order of their slots else.
-    #[test]
-    fn photons_are_limited() {
-        let traced = AtomicU32::new(0);
-        let trace = |slot: u32, stored: &mut Vec<Photon>| {
-            traced.fetch_add(1, Ordering::Relaxed);
-            let photon = Photon::new(Vec3::X * slot as f32, Vec3::ONE, Vec3::Z, Vec3::Z, 1, true);
-            stored.extend([photon; 3]);
-            2
-        };
-        let (photons, rays) = collect(20_000, 60_000, trace).expect("as many as there may be");
-        assert_eq!((photons.len(), rays), (60_000, 40_000));
-        assert!(photons.iter().enumerate().all(|(i, p)| p.position.x == (i / 3) as f32));
-        traced.store(0, Ordering::Relaxed);
-        assert_eq!(collect(1 << 28, 59_999, trace), Err(TooManyPhotons { limit: 59_999 }));
-        assert!(traced.into_inner() < 1 << 24);
-    }
+    use super::shrink;
 
     /// The recursion of Knaus and Zwicker, eq. 11, done step by step.
     #[test]

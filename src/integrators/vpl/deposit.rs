@@ -1,11 +1,12 @@
 //! Phase 1: light paths leave virtual point lights where they land, and what a pass needs to look at them is made.
 
 use glam::Vec3;
-use rayon::prelude::*;
 
+use super::block::{Block, LANES};
 use super::shadow_map::{NO_MAP, ShadowMaps, Viewpoint};
 use super::tree::{LightTree, TreeLight};
 use super::{Direct, VirtualLights, Visibility};
+use crate::integrators::collect::{TooManyStored, collect};
 use crate::integrators::light_path::{self, Landing};
 use crate::integrators::pass::Pass;
 use crate::query::RayQuery;
@@ -15,6 +16,9 @@ use crate::transport::vertex::SurfaceVertex;
 
 /// Light paths that one task traces.
 const PATHS_PER_TASK: u32 = 256;
+
+/// Virtual lights that a pass may store, 1 GiB of them.
+const MAX_STORED: usize = 1 << 24;
 
 /// Number of the vertex of a light that is diffuse: it has none.
 pub(super) const DIFFUSE: u32 = u32::MAX;
@@ -63,8 +67,11 @@ impl Vpl {
 /// The virtual point lights of a pass.
 #[derive(Debug, Default)]
 pub struct VplSet<'w> {
+    /// All that are diffuse, then the others.
     pub(super) lights: Vec<Vpl>,
-    /// Those that are not diffuse.
+    /// The diffuse ones again, if all are looked at.
+    pub(super) blocks: Vec<Block>,
+    /// Vertices of those that are not diffuse.
     pub(super) vertices: Vec<SurfaceVertex<'w>>,
     /// Starts of the light paths, which are lights too with `direct=vpl`.
     pub(super) starts: Vec<LeSample>,
@@ -85,6 +92,11 @@ impl VplSet<'_> {
         self.lights.len() + self.starts.len()
     }
 
+    /// The diffuse lights.
+    pub(super) fn diffuse(&self) -> &[Vpl] {
+        &self.lights[..self.lights.len() - self.vertices.len()]
+    }
+
     /// Whether there are none.
     pub fn is_empty(&self) -> bool {
         self.len() == 0
@@ -102,18 +114,15 @@ struct Stored<'w> {
 
 impl VirtualLights {
     /// The lights of a pass: a function of the pass alone, however many threads trace them.
-    pub(in crate::integrators) fn lights<'w, Q: RayQuery>(&self, pass: &Pass<'w, '_, Q>) -> VplSet<'w> {
-        let tasks: Vec<Stored> = (0..self.count.div_ceil(PATHS_PER_TASK))
-            .into_par_iter()
-            .map(|task| {
-                let mut stored = Stored::default();
-                let first = task * PATHS_PER_TASK;
-                for slot in first..(first + PATHS_PER_TASK).min(self.count) {
-                    self.trace(pass, slot, &mut stored);
-                }
-                stored
-            })
-            .collect();
+    pub(in crate::integrators) fn lights<'w, Q: RayQuery>(
+        &self,
+        pass: &Pass<'w, '_, Q>,
+    ) -> Result<VplSet<'w>, TooManyStored> {
+        let bytes = size_of::<Vpl>();
+        let error = TooManyStored { what: "virtual lights", parameter: "count", limit: MAX_STORED, bytes };
+        let len = |stored: &Stored| stored.lights.len() + stored.starts.len();
+        let trace = |slot, stored: &mut Stored<'w>| self.trace(pass, slot, stored);
+        let tasks = collect(self.count, PATHS_PER_TASK, &error, len, trace)?;
         let mut set = VplSet { clamp: self.clamp / pass.world.bounds.radius.powi(2), ..VplSet::default() };
         set.lights.reserve_exact(tasks.iter().map(|task| task.lights.len()).sum());
         for task in tasks {
@@ -126,13 +135,17 @@ impl VirtualLights {
             set.starts.extend(task.starts);
             set.rays += task.rays;
         }
+        // Diffuse ones first, as blocks are of them alone.
+        set.lights.sort_by_key(|light| light.vertex != DIFFUSE);
         if let Visibility::ShadowMap { resolution, bias } = self.visibility {
             set.make_maps(pass.query, resolution, bias);
         }
         if self.samples.is_some() {
             set.tree = set.make_tree(pass.world.bounds.radius);
+        } else {
+            set.blocks = set.diffuse().chunks(LANES).map(Block::new).collect();
         }
-        set
+        Ok(set)
     }
 
     /// Traces the light path of a slot and stores lights where it goes.

@@ -2,6 +2,7 @@
 
 use glam::Vec3;
 
+use super::block::{DiffuseReceiver, LANES, Sums};
 use super::deposit::{DIFFUSE, Vpl, VplSet};
 use super::shadow_map::NO_MAP;
 use super::tree::Receiver;
@@ -40,8 +41,8 @@ impl VplSet<'_> {
 /// A vertex that looks at many lights.
 struct Seer<'v, 'w> {
     vertex: &'v SurfaceVertex<'w>,
-    /// If it is diffuse, both its normals on the side that is looked at, and its BSDF: half the cost of a light is saved.
-    diffuse: Option<(Vec3, Vec3, Rgb)>,
+    /// If it is diffuse, where it stands, and its BSDF.
+    diffuse: Option<(DiffuseReceiver, Rgb)>,
 }
 
 impl<'v, 'w> Seer<'v, 'w> {
@@ -50,21 +51,22 @@ impl<'v, 'w> Seer<'v, 'w> {
         let (by_ng, by_ns) = (vertex.wo.dot(ng), vertex.wo.dot(ns));
         let side = 1.0_f32.copysign(by_ns);
         let reflectance = vertex.bsdf.diffuse_reflectance().filter(|_| by_ng * by_ns > 0.0);
-        let diffuse = reflectance.map(|rho| (ng * side, ns * side, rho * std::f32::consts::FRAC_1_PI));
+        let receiver = DiffuseReceiver { p: vertex.point.p, ng: ng * side, ns: ns * side };
+        let diffuse = reflectance.map(|rho| (receiver, rho * std::f32::consts::FRAC_1_PI));
         Self { vertex, diffuse }
     }
 
     /// Whether light along `line` is scattered at all, as far as that is soon told.
     #[inline]
     fn may_see(&self, line: Vec3) -> bool {
-        self.diffuse.is_none_or(|(ng, ns, _)| line.dot(ng) > 0.0 && line.dot(ns) > 0.0)
+        self.diffuse.is_none_or(|(to, _)| line.dot(to.ng) > 0.0 && line.dot(to.ns) > 0.0)
     }
 
     /// BSDF times cosine, where [`may_see`](Self::may_see) says yes.
     #[inline]
     fn eval(&self, wi: Vec3) -> Rgb {
         match self.diffuse {
-            Some((_, ns, f)) => f * wi.dot(ns),
+            Some((to, f)) => f * wi.dot(to.ns),
             None => self.vertex.eval(wi, TransportMode::Radiance),
         }
     }
@@ -85,7 +87,12 @@ impl<Q: RayQuery> Gather<'_, '_, '_, Q> {
         let seer = Seer::new(vertex);
         let mut sum = Rgb::ZERO;
         let Some(samples) = self.vpl.samples else {
-            for light in &set.lights {
+            let mut others = &set.lights[..];
+            if let Some((to, f)) = &seer.diffuse {
+                sum += *f * self.blocks(to, vertex, max_depth);
+                others = &set.lights[set.diffuse().len()..];
+            }
+            for light in others {
                 sum += self.one(light, &seer, max_depth);
             }
             for start in 0..set.starts.len() {
@@ -115,6 +122,35 @@ impl<Q: RayQuery> Gather<'_, '_, '_, Q> {
             sum += direct * (set.starts.len() as f64 * samples_inverse) as f32;
         }
         sum
+    }
+
+    /// Irradiance on a diffuse vertex by all diffuse lights.
+    fn blocks(&mut self, to: &DiffuseReceiver, vertex: &SurfaceVertex, max_depth: u32) -> Rgb {
+        let set = &self.pass.vpls;
+        let mut sums = Sums::default();
+        for (block, lights) in set.blocks.iter().zip(set.diffuse().chunks(LANES)) {
+            let mut seen = block.look(to, set.clamp, max_depth);
+            match self.vpl.visibility {
+                Visibility::None => {}
+                Visibility::ShadowMap { .. } if block.is_mapped() => block.hide(&set.maps, &mut seen),
+                Visibility::Rays | Visibility::ShadowMap { .. } => {
+                    for (light, share) in lights.iter().zip(&mut seen.share) {
+                        if *share > 0.0 && !self.is_seen(light, &vertex.point) {
+                            *share = 0.0;
+                        }
+                    }
+                }
+            }
+            block.add(&seen, &mut sums);
+        }
+        sums.total()
+    }
+
+    /// Whether nothing is between a light and a point, asked by a ray.
+    #[inline]
+    fn is_seen(&mut self, light: &Vpl, point: &SurfacePoint) -> bool {
+        self.rays += 1;
+        Ray::spawn_between(point, &light.point()).is_some_and(|ray| !self.pass.query.occluded(&ray))
     }
 
     /// What a vertex scatters of a virtual light.
@@ -159,12 +195,11 @@ impl<Q: RayQuery> Gather<'_, '_, '_, Q> {
             Visibility::ShadowMap { .. } if light.map != NO_MAP => {
                 let is_front = light.vertex == DIFFUSE || light.ng.dot(wi) < 0.0;
                 let (map, axis) = if is_front { (light.map, light.ng) } else { (light.map + 1, -light.ng) };
-                self.pass.vpls.maps.is_lit(map, axis, -wi, distance, cos)
+                let maps = &self.pass.vpls.maps;
+                let (place, limit) = maps.place(map, axis, -wi, distance, cos);
+                limit <= maps.depth(place)
             }
-            Visibility::Rays | Visibility::ShadowMap { .. } => {
-                self.rays += 1;
-                Ray::spawn_between(point, &light.point()).is_some_and(|ray| !self.pass.query.occluded(&ray))
-            }
+            Visibility::Rays | Visibility::ShadowMap { .. } => self.is_seen(light, point),
         }
     }
 

@@ -37,6 +37,7 @@
 //! A virtual light is made of the *flux* that arrives, divided by the number of paths *emitted*, and by scattering of importance: without the scaling
 //! of radiance in glass and with Veach's correction for shading normals. What looks at it gathers radiance. See [`transport`](crate::transport).
 
+mod block;
 mod deposit;
 mod gather;
 mod shadow_map;
@@ -46,7 +47,7 @@ pub use deposit::VplSet;
 pub use tree::{LightTree, Receiver, TreeLight};
 
 use super::IntegratorError;
-use super::parameters::{PathLength, bad, unknown};
+use super::parameters::{PathLength, bad, choice, number, unknown, word};
 
 /// How it is found out whether a virtual light is seen.
 #[derive(Debug, Clone, Copy, PartialEq, Default)]
@@ -113,6 +114,9 @@ impl Default for VirtualLights {
     }
 }
 
+/// Where direct light comes from, by name.
+const DIRECT: [(&str, Direct); 2] = [("nee", Direct::Nee), ("vpl", Direct::Vpl)];
+
 /// Limits on what a parameter may ask for.
 const MAX_COUNT: u32 = 1 << 24;
 const MAX_SAMPLES: u32 = 1 << 20;
@@ -128,42 +132,35 @@ impl VirtualLights {
         let (mut visibility, mut resolution, mut bias) = ("rays", None, None);
         for (name, value) in parameters {
             match name.as_str() {
-                "count" => this.count = integer("count", value, MAX_COUNT, "from 1 to 2^24")?,
+                "count" => {
+                    this.count = number("count", value, |n| (1..=MAX_COUNT).contains(n), "from 1 to 2^24")?;
+                }
                 "roughness" => {
-                    let parsed = value.parse().ok().filter(|r: &f32| (0.0..=1.0).contains(r));
-                    this.roughness = parsed.ok_or_else(|| bad("roughness", value, "from 0 to 1"))?;
+                    this.roughness = number("roughness", value, |r| (0.0..=1.0).contains(r), "from 0 to 1")?;
                 }
                 "samples" if value == "all" => this.samples = None,
                 "samples" => {
-                    this.samples = Some(integer("samples", value, MAX_SAMPLES, "`all`, or from 1 to 2^20")?);
+                    let (range, expected) = (1..=MAX_SAMPLES, "`all`, or from 1 to 2^20");
+                    this.samples = Some(number("samples", value, |n| range.contains(n), expected)?);
                 }
                 "clamp" => {
-                    let parsed = value.parse().ok().filter(|c: &f32| *c >= 0.0);
-                    this.clamp = parsed.ok_or_else(|| bad("clamp", value, "at least 0, or `inf`"))?;
+                    this.clamp = number("clamp", value, |c| *c >= 0.0, "at least 0, or `inf`")?;
                 }
                 "compensate" => {
-                    this.compensate =
-                        value.parse().map_err(|_| bad("compensate", value, "`true` or `false`"))?;
+                    this.compensate = choice("compensate", value, &[("true", true), ("false", false)])?;
                 }
-                "direct" => {
-                    this.direct = match value.as_str() {
-                        "nee" => Direct::Nee,
-                        "vpl" => Direct::Vpl,
-                        _ => return Err(bad("direct", value, "`nee` or `vpl`")),
-                    };
-                }
+                "direct" => this.direct = choice("direct", value, &DIRECT)?,
                 "visibility" => {
-                    if !["none", "rays", "shadowmap"].contains(&value.as_str()) {
-                        return Err(bad("visibility", value, "`none`, `rays` or `shadowmap`"));
-                    }
-                    visibility = value;
+                    let words = ["none", "rays", "shadowmap"];
+                    visibility = choice("visibility", value, &words.map(|word| (word, word)))?;
                 }
                 "resolution" => {
-                    resolution = Some(integer("resolution", value, MAX_RESOLUTION, "from 1 to 4096")?);
+                    let range = 1..=MAX_RESOLUTION;
+                    resolution = Some(number("resolution", value, |n| range.contains(n), "from 1 to 4096")?);
                 }
                 "bias" => {
-                    let parsed = value.parse().ok().filter(|b: &f32| *b >= 0.0 && b.is_finite());
-                    bias = Some(parsed.ok_or_else(|| bad("bias", value, "a number of texels, at least 0"))?);
+                    let is_good = |b: &f32| *b >= 0.0 && b.is_finite();
+                    bias = Some(number("bias", value, is_good, "a number of texels, at least 0")?);
                 }
                 _ if this.length.read(name, value)? => {}
                 _ => {
@@ -174,7 +171,7 @@ impl VirtualLights {
         }
         this.visibility = match (visibility, resolution, bias) {
             ("shadowmap", resolution, bias) => {
-                Visibility::ShadowMap { resolution: resolution.unwrap_or(128), bias: bias.unwrap_or(1.0) }
+                Visibility::ShadowMap { resolution: resolution.unwrap_or(64), bias: bias.unwrap_or(1.0) }
             }
             (_, Some(resolution), _) => {
                 return Err(bad(
@@ -201,10 +198,7 @@ impl VirtualLights {
                 format!("shadowmap,resolution={resolution},bias={bias}")
             }
         };
-        let direct = match self.direct {
-            Direct::Nee => "nee",
-            Direct::Vpl => "vpl",
-        };
+        let direct = word(&DIRECT, &self.direct);
         let samples = self.samples.map_or_else(|| "all".to_owned(), |samples| samples.to_string());
         let Self { length, count, clamp, compensate, roughness, .. } = self;
         format!(
@@ -212,14 +206,4 @@ impl VirtualLights {
             length.describe()
         )
     }
-}
-
-/// An integer from 1 to `most`.
-fn integer(
-    name: &'static str,
-    value: &str,
-    most: u32,
-    expected: &'static str,
-) -> Result<u32, IntegratorError> {
-    value.parse().ok().filter(|n| (1..=most).contains(n)).ok_or_else(|| bad(name, value, expected))
 }

@@ -17,6 +17,9 @@ const MAX_BYTES: usize = 4 << 30;
 /// Number of a light that has no map.
 pub(super) const NO_MAP: u32 = u32::MAX;
 
+/// From here to its double, numbers are integers.
+const MANTISSA: f32 = (1 << 23) as f32;
+
 /// Where a map stands and looks.
 #[derive(Debug, Clone, Copy)]
 pub(super) struct Viewpoint {
@@ -59,20 +62,27 @@ impl ShadowMaps {
         (Self { resolution, bias, depths }, rays)
     }
 
-    /// Whether light in unit direction `d` from the light of a map gets as far as `distance`, to a surface that it meets at an angle whose cosine is
-    /// `cos`. `d` is on the side of `axis`, which is the map's.
-    #[inline]
-    pub(super) fn is_lit(&self, map: u32, axis: Vec3, d: Vec3, distance: f32, cos: f32) -> bool {
+    /// Where the map of a light shows the unit direction `d` from it, and the depth that it must show there if light is to get as far as `distance`, to a
+    /// surface that it meets at an angle whose cosine is `cos`. `d` is on the side of `axis`, which is the map's.
+    #[inline(always)]
+    pub(super) fn place(&self, map: u32, axis: Vec3, d: Vec3, distance: f32, cos: f32) -> (u32, f32) {
         let local = Frame::from_z(axis).to_local(d);
         let resolution = self.resolution as f32;
         let stretch = 1.0 + local.z;
-        let texel = ((local.truncate() / stretch + 1.0) * (0.5 * resolution)).max(Vec2::ZERO).as_uvec2();
-        let texel = texel.min(glam::UVec2::splat(self.resolution - 1));
-        let in_map = (texel.y * self.resolution + texel.x) as usize;
-        let depth = self.depths[map as usize * (self.resolution * self.resolution) as usize + in_map];
+        let place = (local.truncate() / stretch + 1.0) * (0.5 * resolution);
+        // To an integer by its place in the mantissa, which vector registers can do. NaN becomes 0.
+        let texel =
+            |x: f32| ((x - 0.5).max(0.0).min(resolution - 1.0) + MANTISSA).to_bits() - MANTISSA.to_bits();
+        let in_map = texel(place.y) * self.resolution + texel(place.x);
         // A texel is 2 / resolution wide on the disc; the angle that this is, shrinks towards the rim.
         let texel_angle = 2.0 / resolution * stretch;
-        distance * (1.0 - self.bias * texel_angle / cos) <= depth
+        (map * self.resolution * self.resolution + in_map, distance * (1.0 - self.bias * texel_angle / cos))
+    }
+
+    /// The depth at a [`place`](Self::place).
+    #[inline(always)]
+    pub(super) fn depth(&self, place: u32) -> f32 {
+        self.depths[place as usize]
     }
 }
 
