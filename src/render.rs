@@ -53,6 +53,17 @@ pub struct Progress {
     pub elapsed: Duration,
 }
 
+impl Progress {
+    /// Adds what another call has done, at a time since the first began.
+    pub(crate) fn add(&mut self, other: &Self, elapsed: Duration) {
+        self.passes += other.passes;
+        self.rays += other.rays;
+        self.photons += other.photons;
+        self.without_map += other.without_map;
+        self.elapsed = elapsed;
+    }
+}
+
 /// Whether a render goes on.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum Control {

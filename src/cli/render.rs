@@ -26,6 +26,7 @@ use crate::render::{Control, Progress, Stop, Target, render_with_store};
 use crate::scene::load::{LoadOptions, Loaded, load};
 use crate::scene::{PixelRect, Scene};
 use crate::strategies::{self, StrategyImages};
+use crate::study::converge::{ErrorEstimate, Outcome, render_to_error};
 use crate::transport::World;
 
 /// Greatest path length for --strategies: each strategy has two films.
@@ -43,6 +44,7 @@ const MAX_STRATEGY_DEPTH: u32 = 10;
   helmholtz render scenes/cornell-box.xml
   helmholtz render room.xml --time 5m -o room.exr
   helmholtz render room.xml --integrator path:max_depth=4 --spp 256
+  helmholtz render room.xml --error 0.01 --time 1h
   helmholtz render room.xml --integrator bdpt:max_depth=8 --time 10m
   helmholtz render room.xml --integrator bdpt:max_depth=5 --size 256x256 --strategies pyramid
   helmholtz render room.xml --integrator sppm:photons=500000 --time 10m
@@ -64,6 +66,11 @@ pub(super) struct RenderArgs {
     /// Begin no pass after this time: 30s, 5m, 2h, 500ms
     #[arg(long, value_name = "TIME", value_parser = parse::duration)]
     time: Option<Duration>,
+    /// Stop as soon as the relMSE of the image, estimated from the spread of eight independent groups of passes, is below this with 95 % confidence; --time
+    /// stops it earlier. Bias is not covered
+    #[arg(long, value_name = "RELMSE", value_parser = parse::positive,
+        conflicts_with_all = ["spp", "passes", "resume", "save_photons", "load_photons", "strategies", "debug_pixel"])]
+    error: Option<f64>,
     /// Render only these passes: FIRST..END, END not included
     #[arg(long, value_name = "RANGE", value_parser = parse::passes, conflicts_with = "spp")]
     passes: Option<Range<u32>>,
@@ -251,8 +258,16 @@ impl Job<'_> {
         let mut film = self.film(&world, &identity)?;
         let interrupted = stop_on_ctrl_c()?;
         let mut store = self.photon_store(&identity)?;
-        let progress = self.render(&world, query, &mut film, &mut store, &interrupted)?;
-        let report = Report { job: &self, film: &film, progress, build_time, backend: query.name() };
+        let (progress, estimate) = match self.args.error {
+            None => (self.render(&world, query, &mut film, &mut store, &interrupted)?, None),
+            Some(target) => {
+                let outcome = self.render_to_error(&world, query, &film, target, &interrupted)?;
+                film = outcome.film;
+                (outcome.progress, outcome.estimate)
+            }
+        };
+        let report =
+            Report { job: &self, film: &film, progress, estimate, build_time, backend: query.name() };
 
         report.print_dropped();
         self.say(&report.photon_warnings());
@@ -267,6 +282,7 @@ impl Job<'_> {
             self.say(&[format!("wrote {}; go on with the same command and --resume {0}", path.display())]);
         }
         self.say(&[report.summary()]);
+        self.say(&report.accuracy());
         if self.args.json {
             println!("{:#}", report.statistics());
         }
@@ -397,6 +413,24 @@ impl Job<'_> {
         Ok(progress)
     }
 
+    fn render_to_error<Q: RayQuery>(
+        &self,
+        world: &World,
+        query: &Q,
+        empty: &Film,
+        target: f64,
+        interrupted: &AtomicBool,
+    ) -> Result<Outcome, CliError> {
+        let bar = Bar::new(None, self.args.time, self.args.quiet);
+        let limits = (target, self.args.time);
+        let outcome = render_to_error(world, query, &self.target, empty, limits, |progress, _| {
+            bar.update(progress, false);
+            if interrupted.load(Ordering::Relaxed) { Control::Stop } else { Control::Continue }
+        })?;
+        bar.finish();
+        Ok(outcome)
+    }
+
     /// Where to save the film: where asked to, and beside the image after an interruption.
     fn state_path(&self, interrupted: bool) -> Option<PathBuf> {
         self.args.save_state.clone().or_else(|| interrupted.then(|| self.outputs.state()))
@@ -423,6 +457,8 @@ struct Report<'a> {
     job: &'a Job<'a>,
     film: &'a Film,
     progress: Progress,
+    /// Of a render to a target error.
+    estimate: Option<ErrorEstimate>,
     build_time: Duration,
     backend: String,
 }
@@ -443,6 +479,23 @@ impl Report<'_> {
             self.job.load_time.as_secs_f64(),
             self.build_time.as_secs_f64(),
         )
+    }
+
+    /// What is known of the error, if it was asked for.
+    fn accuracy(&self) -> Vec<String> {
+        let Some(target) = self.job.args.error else { return Vec::new() };
+        let mut lines = vec![match self.estimate {
+            None => "no estimate of the error: fewer than 8 passes were rendered".to_owned(),
+            Some(ErrorEstimate { rel_mse, upper }) => {
+                let verdict =
+                    if upper < target { "the target is reached" } else { "the target is NOT reached" };
+                format!("relMSE is about {rel_mse:.3e}, with 95 % confidence below {upper:.3e}: {verdict}")
+            }
+        }];
+        if let Some(bias) = self.job.target.integrator.bias() {
+            lines.push(format!("the estimate does not cover bias: {bias}"));
+        }
+        lines
     }
 
     /// Says how many contributions were left out, and how to look at the first of them.
@@ -537,6 +590,9 @@ impl Report<'_> {
             "build_seconds": self.build_time.as_secs_f64(),
             "render_seconds": self.progress.elapsed.as_secs_f64(),
             "dropped": dropped,
+            "relmse_estimate": self.estimate.map(|e| e.rel_mse),
+            "relmse_upper": self.estimate.map(|e| e.upper),
+            "bias": self.job.target.integrator.bias(),
         })
     }
 }

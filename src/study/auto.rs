@@ -4,12 +4,10 @@
 //! (`sppm:mode=caustic`) where some are that `path` cannot find or finds by luck. Each is tried in a [`Pilot`]. The choice is a function of the scene and the film's
 //! size, and of nothing that depends on the machine.
 
-use glam::UVec2;
-
 use crate::integrators::backward::Backward;
 use crate::integrators::bidirectional::Bidirectional;
-use crate::integrators::photon_map::{PhotonMapper, TooManyPhotons};
-use crate::integrators::{Ability, Integrator, PathLength};
+use crate::integrators::photon_map::PhotonMapper;
+use crate::integrators::{Ability, Integrator, PathLength, TooManyStored};
 use crate::query::RayQuery;
 use crate::scene::Scene;
 use crate::scene::requirements::{PathClass, Requirements};
@@ -21,6 +19,9 @@ const BUDGET: f64 = 500.0;
 
 /// Passes of a pilot's group: with eight groups and a thousand pixels 130,000 samples.
 const PASSES: u32 = 16;
+
+/// The same with photons, of which a pass has as many as in a render: the noise of a lookup depends on their number.
+const PHOTON_PASSES: u32 = 2;
 
 /// Light is missing if it is this many standard errors less than what another integrator finds, and this share of it.
 const MISSING_ERRORS: f64 = 4.0;
@@ -57,9 +58,10 @@ struct Candidate {
 ///
 /// # Errors
 /// If a pilot has too many photons.
-pub fn choose<Q: RayQuery>(scene: &Scene, query: &Q, length: PathLength) -> Result<Choice, TooManyPhotons> {
+pub fn choose<Q: RayQuery>(scene: &Scene, query: &Q, length: PathLength) -> Result<Choice, TooManyStored> {
     let needs = Requirements::of(scene);
-    let [path, bdpt, photons] = candidates(length);
+    let candidates = candidates(length);
+    let path = candidates[0].1;
     let classes = needs.classes(length.limit());
     let is_simple = |class: &PathClass| *class <= PathClass::DirectMirrored;
     if classes.iter().all(is_simple) {
@@ -67,44 +69,40 @@ pub fn choose<Q: RayQuery>(scene: &Scene, query: &Q, length: PathLength) -> Resu
     }
     let size = Pilot::film_size(scene.film.size);
     let world = World::for_film(scene, size);
+    let film_pixels = f64::from(scene.film.size.x) * f64::from(scene.film.size.y);
     let of_path = |class: &PathClass| path.ability(*class, &needs);
     let has_caustics = classes.iter().any(|class| of_path(class) < Ability::Well);
     let mut tried = Vec::new();
-    for (name, integrator, cost) in
-        [("path", path, 1.0), ("bdpt", bdpt, BIDIRECTIONAL_COST), ("sppm:mode=caustic", photons, PHOTON_COST)]
-    {
-        if name.starts_with("sppm") && !has_caustics {
+    for (name, integrator, cost) in candidates {
+        let is_photons = matches!(integrator, Integrator::PhotonMap(_));
+        if is_photons && !has_caustics {
             continue;
         }
-        let pilot = Pilot::run(&world, query, scaled(integrator, scene, size), size, PASSES)?;
+        let passes = if is_photons { PHOTON_PASSES } else { PASSES };
+        let pilot = Pilot::run(&world, query, integrator, size, passes)?;
         tried.push(Candidate { integrator, name, pilot, cost });
     }
-    let errors: Vec<f64> = (0..tried.len()).map(|i| expected_error(&tried, i)).collect();
+    let errors: Vec<f64> = (0..tried.len()).map(|i| expected_error(&tried, i, film_pixels)).collect();
     let best = (0..tried.len()).min_by(|&a, &b| errors[a].total_cmp(&errors[b])).unwrap_or(0);
     let why = explain(&tried, &errors, best, &classes, &needs);
     Ok(Choice { integrator: tried[best].integrator, why })
 }
 
-fn candidates(length: PathLength) -> [Integrator; 3] {
-    [
-        Integrator::Backward(Backward { length, hide_emitters: false }),
-        Integrator::Bidirectional(Bidirectional { length, ..Bidirectional::default() }),
-        Integrator::PhotonMap(PhotonMapper::caustics(length)),
-    ]
-}
-
-/// The integrator with a pilot's share of photons.
-pub(crate) fn scaled(integrator: Integrator, scene: &Scene, size: UVec2) -> Integrator {
-    let Integrator::PhotonMap(mapper) = integrator else { return integrator };
-    let pixels = |size: UVec2| f64::from(size.x) * f64::from(size.y);
-    let photons = f64::from(mapper.photons) * pixels(size) / pixels(scene.film.size).max(1.0);
-    Integrator::PhotonMap(PhotonMapper { photons: photons.max(1.0) as u32, ..mapper })
+/// Integrators with their names and what their rays cost, `path` first. No photons where paths may be longer than they can tell.
+fn candidates(length: PathLength) -> Vec<(&'static str, Integrator, f64)> {
+    let path = Integrator::Backward(Backward { length, hide_emitters: false });
+    let bdpt = Integrator::Bidirectional(Bidirectional { length, ..Bidirectional::default() });
+    let mut all = vec![("path", path, 1.0), ("bdpt", bdpt, BIDIRECTIONAL_COST)];
+    let photons = PhotonMapper::caustics(length).ok();
+    all.extend(photons.map(|mapper| ("sppm:mode=caustic", Integrator::PhotonMap(mapper), PHOTON_COST)));
+    all
 }
 
 /// relMSE after the budget, about: noise, blur, and what is missing altogether.
-fn expected_error(tried: &[Candidate], which: usize) -> f64 {
+fn expected_error(tried: &[Candidate], which: usize, film_pixels: f64) -> f64 {
     let Candidate { integrator, pilot, cost, .. } = &tried[which];
-    let passes = (BUDGET / (pilot.rays * cost)).max(1.0);
+    let rays = pilot.rays + pilot.shared_rays / film_pixels;
+    let passes = (BUDGET / (rays * cost)).max(1.0);
     let noise = pilot.relative_variance(&reference(tried)) / passes;
     let noise = match integrator {
         // The disc shrinks with the number of passes to the power of -0.3, and noise grows as much.

@@ -2,9 +2,10 @@
 //!
 //! [`picture`] reads images of any program, [`metrics`] compares numbers, [`flip`] compares what people see, [`heat`] shows where they differ. [`pilot`] renders
 //! a few pixels to learn what carries light, [`auto`] chooses an integrator by that, and [`verify`]
-//! holds it against what integrators should be able to do. Nothing here prints.
+//! holds it against what integrators should be able to do. [`converge`] renders until the error is small enough. Nothing here prints.
 
 pub mod auto;
+pub mod converge;
 pub mod flip;
 pub mod heat;
 pub mod metrics;

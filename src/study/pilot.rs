@@ -10,8 +10,7 @@ use glam::{IVec2, UVec2, Vec2};
 use rayon::prelude::*;
 
 use crate::film::SampledArea;
-use crate::integrators::photon_map::TooManyPhotons;
-use crate::integrators::{Integrator, Pass, PathObserver, Scratch, Strategy};
+use crate::integrators::{Integrator, Pass, PathObserver, Scratch, Strategy, TooManyStored};
 use crate::query::RayQuery;
 use crate::render::{sample_pixel, trace_light_path};
 use crate::scene::requirements::{Events, PathClass};
@@ -49,13 +48,8 @@ impl Estimate {
 
     /// By how many standard errors of their difference it is greater than another.
     pub fn exceeds_by(&self, other: &Self) -> f64 {
-        let error = self.error.hypot(other.error);
         let difference = self.mean - other.mean;
-        if error > 0.0 {
-            difference / error
-        } else {
-            difference.signum() * f64::INFINITY * difference.abs().min(1.0)
-        }
+        if difference == 0.0 { 0.0 } else { difference / self.error.hypot(other.error) }
     }
 }
 
@@ -68,8 +62,10 @@ pub struct Pilot {
     pub total: Estimate,
     /// Mean luminance by class, in the order of [`PathClass::ALL`], of what is made of connected paths; light by photons and virtual lights is not among them.
     pub classes: [Estimate; PathClass::ALL.len()],
-    /// Rays per pixel and pass, those of photons included.
+    /// Rays per pixel and pass.
     pub rays: f64,
+    /// Rays of a pass that all its pixels share, however many those are: of photons and virtual lights.
+    pub shared_rays: f64,
     /// Passes of all groups together.
     pub passes: u32,
 }
@@ -92,7 +88,7 @@ impl Pilot {
         integrator: Integrator,
         size: UVec2,
         passes: u32,
-    ) -> Result<Self, TooManyPhotons> {
+    ) -> Result<Self, TooManyStored> {
         let groups: Vec<Group> = (0..GROUPS)
             .into_par_iter()
             .map(|group| Group::run(world, query, integrator, size, SEED + u64::from(group), passes))
@@ -107,6 +103,8 @@ impl Pilot {
             total: of(&|g| g.pixels.iter().sum::<f64>() / samples),
             classes: std::array::from_fn(|c| of(&|g| g.classes[c] / samples)),
             rays: groups.iter().map(|g| g.rays as f64).sum::<f64>() / (samples * f64::from(GROUPS)),
+            shared_rays: groups.iter().map(|g| g.shared_rays as f64).sum::<f64>()
+                / f64::from(passes * GROUPS),
             passes: passes * GROUPS,
         })
     }
@@ -127,6 +125,7 @@ struct Group {
     pixels: Vec<f64>,
     classes: [f64; PathClass::ALL.len()],
     rays: u64,
+    shared_rays: u64,
 }
 
 impl Group {
@@ -137,7 +136,7 @@ impl Group {
         size: UVec2,
         seed: u64,
         passes: u32,
-    ) -> Result<Self, TooManyPhotons> {
+    ) -> Result<Self, TooManyStored> {
         let area = SampledArea { min: IVec2::ZERO, size };
         let mut pixels = vec![0.0; (size.x * size.y) as usize];
         let mut add = |x: u32, y: u32, radiance: Rgb| {
@@ -146,7 +145,7 @@ impl Group {
                 pixels[(y * size.x + x) as usize] += value;
             }
         };
-        let (mut classes, mut rays) = (Classes::default(), 0);
+        let (mut classes, mut rays, mut shared_rays) = (Classes::default(), 0, 0);
         for index in 0..passes {
             let pass = Pass::new(world, query, integrator, seed, index, area)?;
             let mut scratch = Scratch::default();
@@ -162,9 +161,10 @@ impl Group {
                     add(at.x, at.y, splat.radiance);
                 }
             }
-            rays += scratch.rays + pass.photons.rays + pass.vpls.rays;
+            rays += scratch.rays;
+            shared_rays += pass.photons.rays + pass.vpls.rays;
         }
-        Ok(Self { pixels, classes: classes.sums, rays })
+        Ok(Self { pixels, classes: classes.sums, rays, shared_rays })
     }
 }
 

@@ -128,8 +128,11 @@ const DEFAULT_ALPHA: f32 = 0.7;
 
 impl PhotonMapper {
     /// `sppm:mode=caustic` with its defaults: caustics by photons, all else by paths.
-    pub fn caustics(length: PathLength) -> Self {
-        Self {
+    ///
+    /// # Errors
+    /// If paths may be longer than photons can tell.
+    pub fn caustics(length: PathLength) -> Result<Self, IntegratorError> {
+        let this = Self {
             length,
             photons: Self::DEFAULT_PHOTONS,
             lookup: Lookup::Shrinking { radius: None, alpha: DEFAULT_ALPHA },
@@ -138,7 +141,9 @@ impl PhotonMapper {
             mode: Mode::Caustic,
             final_gather: 0,
             show: Show::default(),
-        }
+        };
+        this.check()?;
+        Ok(this)
     }
 
     /// Photons in each pass unless said otherwise.
@@ -153,7 +158,7 @@ impl PhotonMapper {
         parameters: &[(String, String)],
     ) -> Result<Self, IntegratorError> {
         let mut this =
-            Self { lookup: Lookup::Radius(None), mode: Mode::Full, ..Self::caustics(PathLength::default()) };
+            Self { lookup: Lookup::Radius(None), mode: Mode::Full, ..Self::caustics(PathLength::default())? };
         let (mut alpha, mut radius) = (DEFAULT_ALPHA, None);
         let (mut by_radius, mut k) = (is_progressive, None);
         let name = if is_progressive { "sppm" } else { "photonmapper" };
