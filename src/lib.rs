@@ -9,7 +9,7 @@
 //! | module | what it holds |
 //! |---|---|
 //! | [`cli`] | one file per subcommand; all printing to people happens there |
-//! | [`study`] | the trade, measured: errors of images, backends side by side |
+//! | [`study`] | the trade, measured: errors of images, backends side by side, what a scene's light is made of, which integrator suits it, rendering to an error |
 //! | [`render`] | the driver: passes, threads, progress, stop conditions, checkpoints |
 //! | [`strategies`] | the driver for images of single strategies |
 //! | [`integrators`] | one file or folder per algorithm |

@@ -19,6 +19,7 @@ use crate::scene::Rgb;
 use crate::transport::World;
 use crate::transport::bsdf::TransportMode;
 use crate::transport::vertex::SurfaceVertex;
+use crate::transport::walk::Walk;
 
 /// What is rendered, apart from the scene: all that a pass is a function of.
 #[derive(Debug, Clone, Copy, PartialEq)]
@@ -51,6 +52,17 @@ pub struct Progress {
     pub without_map: u64,
     /// Time since this call began.
     pub elapsed: Duration,
+}
+
+impl Progress {
+    /// Adds what another call has done, at a time since the first began.
+    pub(crate) fn add(&mut self, other: &Self, elapsed: Duration) {
+        self.passes += other.passes;
+        self.rays += other.rays;
+        self.photons += other.photons;
+        self.without_map += other.without_map;
+        self.elapsed = elapsed;
+    }
 }
 
 /// Whether a render goes on.
@@ -285,7 +297,7 @@ pub fn sample_pixel<'w, Q: RayQuery, O: PathObserver>(
         Integrator::Forward(_) | Integrator::PhotonMap(PhotonMapper { show: Show::Photons, .. }) => {
             scratch.rays += 1;
             let vertex = query.intersect(&ray).map(|hit| SurfaceVertex::new(&world.materials, &hit, &ray));
-            observer.segment(TransportMode::Radiance, 1, &ray, vertex.as_ref(), Rgb::ONE);
+            observer.segment(&Walk::new(TransportMode::Radiance, ray, Rgb::ONE), 1, vertex.as_ref());
             Rgb::ZERO
         }
         Integrator::Bidirectional(bidirectional) => {
@@ -320,22 +332,15 @@ pub fn trace_light_path<'w, Q: RayQuery, O: PathObserver>(
 struct FirstHit<'r>(&'r mut AovRecord);
 
 impl PathObserver for FirstHit<'_> {
-    fn segment(
-        &mut self,
-        mode: TransportMode,
-        depth: u32,
-        ray: &Ray,
-        vertex: Option<&SurfaceVertex>,
-        _: Rgb,
-    ) {
-        if mode != TransportMode::Radiance || depth != 1 {
+    fn segment(&mut self, walk: &Walk, depth: u32, vertex: Option<&SurfaceVertex>) {
+        if walk.mode != TransportMode::Radiance || depth != 1 {
             return;
         }
         *self.0 = match vertex {
             Some(vertex) => AovRecord {
                 shape: vertex.point.shape,
                 primitive: vertex.point.primitive,
-                depth: vertex.point.p.distance(ray.o),
+                depth: vertex.point.p.distance(walk.ray.o),
                 position: vertex.point.p,
                 ng: vertex.point.ng,
                 ns: vertex.point.ns,

@@ -12,12 +12,12 @@ use rayon::prelude::*;
 
 use crate::film::{AovSet, Channel, Film, FilmError, Image, Pixels, Splat};
 use crate::integrators::{Integrator, Pass, PathObserver, Scratch, Strategy};
-use crate::query::{Ray, RayQuery};
+use crate::query::RayQuery;
 use crate::render::{RenderError, Target, sample_pixel, trace_light_path};
 use crate::scene::{FilmSettings, PixelRect, Rgb};
 use crate::transport::World;
-use crate::transport::bsdf::TransportMode;
 use crate::transport::vertex::SurfaceVertex;
+use crate::transport::walk::Walk;
 
 /// Rows of pixels whose contributions one task collects.
 const TASK_ROWS: i32 = 4;
@@ -152,7 +152,7 @@ impl Recorder {
 }
 
 impl PathObserver for Recorder {
-    fn segment(&mut self, _: TransportMode, _: u32, _: &Ray, _: Option<&SurfaceVertex>, _: Rgb) {}
+    fn segment(&mut self, _: &Walk, _: u32, _: Option<&SurfaceVertex>) {}
 
     fn contribution(&mut self, strategy: Strategy, film: Option<Vec2>, value: Rgb, weight: f32) {
         if film.is_none() {

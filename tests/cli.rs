@@ -487,3 +487,100 @@ fn a_bare_mesh_can_be_rendered() {
     assert_eq!(green[0], 1.0);
     assert!(green[16 * 32 + 16] < 0.9);
 }
+
+/// The scene's integrator is respected, with a hint where it is blind; `auto` looks for another, and keeps the scene's length of paths.
+#[test]
+fn auto_is_for_those_who_name_no_integrator() {
+    let folder = Folder::new();
+    let glass = concat!(env!("CARGO_MANIFEST_DIR"), "/scenes/glass-spheres.xml");
+    let small = ["--size", "16x16", "--spp", "1", "-o", "a.png"];
+    let render = |extra: &[&str]| folder.succeed(&[&["render", glass], &small as &[_], extra].concat());
+    let text = render(&[]);
+    assert!(text.contains("hint:") && text.contains("LS+DE") && !text.contains("auto takes"), "{text}");
+    let text = render(&["--integrator", "path"]);
+    assert!(!text.contains("hint:"), "{text}");
+    let output =
+        folder.run(&[&["render", glass], &small as &[_], &["--integrator", "auto", "--json"]].concat());
+    let told = String::from_utf8_lossy(&output.stderr);
+    assert!(told.contains("auto takes ") && told.contains("as path misses"), "{told}");
+    let report: serde_json::Value = serde_json::from_slice(&output.stdout).expect("JSON");
+    assert!(report["integrator"].as_str().expect("a name").contains("max_depth=10"), "{report}");
+    let text = folder.fail(&["render", glass, "--integrator", "auto:photons=3"], 1);
+    assert!(text.contains("integrator `auto` has no parameter `photons`"), "{text}");
+    // A mesh names none.
+    fs::write(folder.path("a.obj"), "v 0 0 0\nv 1 0 0\nv 0 1 0\nf 1 2 3\n").expect("written");
+    let text = folder.succeed(&["render", "a.obj", "--size", "16x16", "--spp", "1"]);
+    assert!(text.contains("auto takes path"), "{text}");
+}
+
+#[test]
+fn inspect_says_what_there_is() {
+    let folder = Folder::new();
+    let glass = concat!(env!("CARGO_MANIFEST_DIR"), "/scenes/glass-spheres.xml");
+    let output = folder.run(&["inspect", glass, "--json"]);
+    let report: serde_json::Value = serde_json::from_slice(&output.stdout).expect("JSON");
+    assert_eq!(output.status.code(), Some(0));
+    // 30 is the luminance of the intensity, times 4 pi.
+    let flux = report["lights"][0]["flux"].as_f64().expect("a number");
+    let expected = 4.0 * std::f64::consts::PI * (0.212_671 * 30.0 + 0.715_160 * 28.0 + 0.072_169 * 25.0);
+    assert!((flux / expected - 1.0).abs() < 1e-5, "{flux}, expected {expected}");
+    assert_eq!(report["lights"][0]["kind"], "point");
+    assert_eq!((&report["triangles"], &report["analytic_shapes"]), (&4.into(), &4.into()));
+    let classes: Vec<_> =
+        report["classes"].as_array().expect("classes").iter().map(|c| &c["paths"]).collect();
+    assert_eq!(classes.len(), 8);
+    let caustics = &report["classes"][4]["integrators"];
+    assert_eq!((&caustics["path"], &caustics["bdpt"]), (&"cannot".into(), &"well".into()));
+    assert!(
+        report["shortcomings"].as_array().expect("a list").len() == 4
+            && report["findings"] == serde_json::json!([])
+    );
+    let text =
+        String::from_utf8_lossy(&folder.run(&["inspect", glass, "--integrator", "bdpt"]).stdout).into_owned();
+    for part in [
+        "1 x point",
+        "LS+DS+E",
+        "caustics in mirrors",
+        "integrator  bdpt:",
+        "note: the integrator cannot find all",
+    ] {
+        assert!(text.contains(part), "{part} is not in {text}");
+    }
+    folder.fail(&["inspect", "none.xml"], 1);
+}
+
+/// Verified by short renders; what is verified as predicted exits with 0.
+#[test]
+fn inspect_verifies_its_table() {
+    let folder = Folder::new();
+    let output = folder.run(&["inspect", SCENE, "--verify", "--integrator", "path:max_depth=3"]);
+    let text = String::from_utf8_lossy(&output.stdout);
+    assert_eq!(output.status.code(), Some(0), "{text}");
+    assert!(text.contains("measured") && text.contains("auto takes path") && !text.contains('!'), "{text}");
+}
+
+#[test]
+fn an_error_can_be_asked_for() {
+    let folder = Folder::new();
+    let render = |extra: &[&str]| {
+        let common = ["render", SCENE, "--size", "24x24", "-o", "a.exr", "--json"];
+        let output = folder.run(&[&common as &[_], extra].concat());
+        let report: serde_json::Value = serde_json::from_slice(&output.stdout).expect("JSON");
+        (report, String::from_utf8_lossy(&output.stderr).into_owned())
+    };
+    let (report, told) = render(&["--error", "0.05", "--integrator", "path"]);
+    assert!(
+        report["relmse_upper"].as_f64().expect("a bound") < 0.05 && told.contains("the target is reached"),
+        "{told}"
+    );
+    assert!(report["bias"].is_null() && report["passes"].as_u64().expect("a number").is_multiple_of(8));
+    // Time is over first; photons are biased, which is said.
+    let (report, told) =
+        render(&["--error", "1e-9", "--integrator", "photonmapper:photons=100", "--time", "100ms"]);
+    assert!(told.contains("NOT reached") || told.contains("no estimate"), "{told}");
+    assert!(told.contains("does not cover bias") && report["bias"].is_string(), "{told}");
+    for wrong in ["0", "-1", "nan", "inf"] {
+        folder.fail(&["render", SCENE, "--error", wrong], 2);
+    }
+    folder.fail(&["render", SCENE, "--error", "0.1", "--spp", "3"], 2);
+}

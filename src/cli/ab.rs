@@ -6,8 +6,9 @@ use clap::Args;
 use glam::UVec2;
 use serde_json::{Value, json};
 
+use super::integrator::Wanted;
 use super::parse::{self, Spec};
-use super::render::{choose_integrator, resize};
+use super::render::resize;
 use super::{CliError, EXIT_DONE, EXIT_FAULTS};
 use crate::film::output::write_atomically;
 use crate::query::crosscheck::{Answers, Dispute, Findings, Judged, parse_query};
@@ -94,7 +95,11 @@ pub(super) fn run(args: &AbArgs) -> Result<u8, CliError> {
     if let Some(size) = args.size {
         resize(&mut scene, size);
     }
-    let integrator = choose_integrator(args.integrator.as_ref(), args.lenient, &scene)?;
+    let wanted = Wanted::new(args.integrator.as_ref(), &scene.integrator, args.lenient)?;
+    let (integrator, remark) = wanted.resolve(&scene, &backends[0].build(&scene.shapes)?)?;
+    if let Some(remark) = remark {
+        eprintln!("{remark}");
+    }
     let target = Target { integrator, seed: args.seed };
     let effort = Effort { passes: args.spp, rays: args.rays };
     let report = ab::run(&World::new(&scene), backends, &target, effort)?;

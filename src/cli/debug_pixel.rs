@@ -7,12 +7,13 @@ use glam::{UVec2, Vec2, Vec3};
 use crate::film::SampledArea;
 use crate::integrators::TooManyStored;
 use crate::integrators::{Pass, PathObserver, Scratch, Strategy, Unobserved};
-use crate::query::{Ray, RayQuery};
+use crate::query::RayQuery;
 use crate::render::{Target, light_path_count, sample_pixel, trace_light_path};
 use crate::scene::Rgb;
 use crate::transport::World;
 use crate::transport::bsdf::TransportMode;
 use crate::transport::vertex::SurfaceVertex;
+use crate::transport::walk::Walk;
 
 /// Text of all paths of a pixel in the given passes, and of all light paths that splat into it.
 pub(super) fn describe<Q: RayQuery>(
@@ -57,14 +58,8 @@ fn show(v: Vec3) -> String {
 }
 
 impl PathObserver for Printer<'_, '_> {
-    fn segment(
-        &mut self,
-        mode: TransportMode,
-        depth: u32,
-        ray: &Ray,
-        vertex: Option<&SurfaceVertex>,
-        beta: Rgb,
-    ) {
+    fn segment(&mut self, walk: &Walk, depth: u32, vertex: Option<&SurfaceVertex>) {
+        let Walk { mode, ray, beta, .. } = *walk;
         let subpath = match mode {
             TransportMode::Radiance => "eye",
             TransportMode::Importance => "light",

@@ -3,6 +3,8 @@
 mod ab;
 mod debug_pixel;
 mod diff;
+mod inspect;
+mod integrator;
 mod merge;
 mod output;
 mod parse;
@@ -17,7 +19,7 @@ use clap::{Parser, Subcommand};
 pub const EXIT_DONE: u8 = 0;
 /// Exit code for an error: a scene that does not load, a file that cannot be written. A message says which.
 pub const EXIT_ERROR: u8 = 1;
-/// Exit code of a comparison for images that differ by more than they may.
+/// Exit code of a comparison for images that differ by more than they may, or for predictions that do not hold.
 pub const EXIT_DIFFERENT: u8 = 3;
 /// Exit code for backends of which one gave a wrong answer.
 pub const EXIT_FAULTS: u8 = 4;
@@ -28,7 +30,7 @@ pub const EXIT_INTERRUPTED: u8 = 130;
 ///
 /// Reads Mitsuba scenes (.xml) and plain meshes (.obj, .ply); writes OpenEXR and PNG.
 ///
-/// Exit codes: 0 done; 1 error; 2 wrong usage; 3 images differ by more than asked for; 4 backends disagree and one is wrong; 130 interrupted by Ctrl-C after saving.
+/// Exit codes: 0 done; 1 error; 2 wrong usage; 3 images differ by more than asked for, or a scene from what is predicted; 4 backends disagree and one is wrong; 130 interrupted by Ctrl-C after saving.
 #[derive(Debug, Parser)]
 #[command(version, max_term_width = 100)]
 pub struct Cli {
@@ -42,6 +44,7 @@ enum Command {
     Merge(merge::MergeArgs),
     Diff(diff::DiffArgs),
     Ab(Box<ab::AbArgs>),
+    Inspect(inspect::InspectArgs),
 }
 
 /// Runs a parsed command line and says how it went. Errors are printed to standard error.
@@ -51,6 +54,7 @@ pub fn run(cli: Cli) -> ExitCode {
         Command::Merge(args) => merge::run(&args),
         Command::Diff(args) => diff::run(&args),
         Command::Ab(args) => ab::run(&args),
+        Command::Inspect(args) => inspect::run(&args),
     };
     match result {
         Ok(code) => ExitCode::from(code),

@@ -73,6 +73,16 @@ pub(super) fn duration(text: &str) -> Result<Duration, String> {
         .map_err(|_| format!("`{text}` is not a time that can be waited for"))
 }
 
+/// A number above 0.
+pub(super) fn positive(text: &str) -> Result<f64, String> {
+    let value: f64 = number(text, "a number")?;
+    if value > 0.0 && value.is_finite() {
+        Ok(value)
+    } else {
+        Err(format!("expected a number above 0, found `{text}`"))
+    }
+}
+
 /// `FIRST..END`, the end not included.
 pub(super) fn passes(text: &str) -> Result<Range<u32>, String> {
     let (first, end) = text.split_once("..").ok_or_else(|| format!("expected FIRST..END, found `{text}`"))?;

@@ -11,20 +11,22 @@ use clap::Args;
 use glam::UVec2;
 use serde_json::json;
 
+use super::integrator::Wanted;
 use super::output::Outputs;
 use super::parse::{self, Spec};
 use super::progress::Bar;
 use super::{CliError, EXIT_DONE, EXIT_FAULTS, EXIT_INTERRUPTED, debug_pixel};
 use crate::film::state::{RenderIdentity, load_state, save_state};
 use crate::film::{Aov, AovSet, Film, output};
+use crate::integrators::Integrator;
 use crate::integrators::photon_map::Lookup;
 use crate::integrators::photon_map::store::{PhotonReader, PhotonStore, PhotonWriter};
-use crate::integrators::{Integrator, IntegratorError};
 use crate::query::{AnyQuery, Backend, RayQuery};
 use crate::render::{Control, Progress, Stop, Target, render_with_store};
 use crate::scene::load::{LoadOptions, Loaded, load};
-use crate::scene::{IntegratorSettings, PixelRect, Scene};
+use crate::scene::{PixelRect, Scene};
 use crate::strategies::{self, StrategyImages};
+use crate::study::converge::{ErrorEstimate, Outcome, render_to_error};
 use crate::transport::World;
 
 /// Greatest path length for --strategies: each strategy has two films.
@@ -42,6 +44,7 @@ const MAX_STRATEGY_DEPTH: u32 = 10;
   helmholtz render scenes/cornell-box.xml
   helmholtz render room.xml --time 5m -o room.exr
   helmholtz render room.xml --integrator path:max_depth=4 --spp 256
+  helmholtz render room.xml --error 0.01 --time 1h
   helmholtz render room.xml --integrator bdpt:max_depth=8 --time 10m
   helmholtz render room.xml --integrator bdpt:max_depth=5 --size 256x256 --strategies pyramid
   helmholtz render room.xml --integrator sppm:photons=500000 --time 10m
@@ -63,6 +66,11 @@ pub(super) struct RenderArgs {
     /// Begin no pass after this time: 30s, 5m, 2h, 500ms
     #[arg(long, value_name = "TIME", value_parser = parse::duration)]
     time: Option<Duration>,
+    /// Stop as soon as the relMSE of the image, estimated from the spread of eight independent groups of passes, is below this with 95 % confidence; --time
+    /// stops it earlier. Bias is not covered
+    #[arg(long, value_name = "RELMSE", value_parser = parse::positive,
+        conflicts_with_all = ["spp", "passes", "resume", "save_photons", "load_photons", "strategies", "debug_pixel"])]
+    error: Option<f64>,
     /// Render only these passes: FIRST..END, END not included
     #[arg(long, value_name = "RANGE", value_parser = parse::passes, conflicts_with = "spp")]
     passes: Option<Range<u32>>,
@@ -82,7 +90,7 @@ pub(super) struct RenderArgs {
     /// obvhs (setting quality=low|medium|high) or crosscheck (the default, compared query by query with the other; exit code 4 for a fault)
     #[arg(long, value_name = "NAME:KEY=VALUE,...", value_parser = parse::spec)]
     backend: Option<Spec>,
-    /// Algorithm instead of the scene's: path, paths from the camera (max_depth, rr_depth, hide_emitters); ptracer, paths from the lights
+    /// Algorithm instead of the scene's, which is auto where it names none: auto, whichever of the next ones has the least error at equal cost in a short trial (max_depth, rr_depth); path, paths from the camera (max_depth, rr_depth, hide_emitters); ptracer, paths from the lights
     /// (max_depth, rr_depth, connect=nee|hit|both); bdpt, both and their connections (max_depth, rr_depth, exponent=1|2); photonmapper, photons from
     /// the lights gathered around what the camera sees (max_depth, rr_depth, photons, lookup=knn|radius, k, radius, filter=constant|cone|gaussian,
     /// direct=photons|nee, mode=full|caustic, final_gather, show=radiance|photons); sppm, the same with a radius that shrinks from pass to pass (alpha, and no lookup or k); vpl,
@@ -145,22 +153,44 @@ pub(super) fn run(args: &RenderArgs) -> Result<u8, CliError> {
         }
     }
     args.edit(&mut scene)?;
-    let integrator = choose_integrator(args.integrator.as_ref(), args.lenient, &scene)?;
+    let wanted = Wanted::new(args.integrator.as_ref(), &scene.integrator, args.lenient)?;
     let load_time = start.elapsed();
     let start = Instant::now();
-    let target = Target { integrator, seed: args.seed };
-    let job = Job { args, scene: &scene, files: &files, outputs, target, load_time, start };
+    let setup = Setup { args, scene: &scene, files: &files, outputs, wanted, load_time, start };
     match args.backend()? {
         #[cfg(feature = "embree")]
         Backend::Embree(settings) => {
-            job.run(&crate::query::embree::EmbreeQuery::new(&scene.shapes, settings)?)
+            setup.run(&crate::query::embree::EmbreeQuery::new(&scene.shapes, settings)?)
         }
-        Backend::Obvhs(quality) => job.run(&crate::query::obvhs::ObvhsQuery::new(&scene.shapes, quality)),
+        Backend::Obvhs(quality) => setup.run(&crate::query::obvhs::ObvhsQuery::new(&scene.shapes, quality)),
         backend @ Backend::Crosscheck => {
             let query = backend.build(&scene.shapes)?;
-            let code = job.run(&query)?;
+            let code = setup.run(&query)?;
             Ok(if report_crosscheck(&query, args.quiet) { code } else { EXIT_FAULTS })
         }
+    }
+}
+
+/// A render whose backend is about to be chosen, and with it perhaps the integrator.
+struct Setup<'a> {
+    args: &'a RenderArgs,
+    scene: &'a Scene,
+    files: &'a [PathBuf],
+    outputs: Outputs,
+    wanted: Wanted,
+    load_time: Duration,
+    start: Instant,
+}
+
+impl Setup<'_> {
+    fn run<Q: RayQuery>(self, query: &Q) -> Result<u8, CliError> {
+        let Self { args, scene, files, outputs, wanted, load_time, start } = self;
+        let build_time = start.elapsed();
+        let (integrator, remark) = wanted.resolve(scene, query)?;
+        let target = Target { integrator, seed: args.seed };
+        let job = Job { args, scene, files, outputs, target, load_time, build_time };
+        job.say(remark.as_slice());
+        job.run(query)
     }
 }
 
@@ -190,37 +220,6 @@ fn report_crosscheck(query: &AnyQuery, quiet: bool) -> bool {
 pub(super) fn resize(scene: &mut Scene, size: UVec2) {
     scene.film.size = size;
     scene.film.crop = PixelRect { min: UVec2::ZERO, size };
-}
-
-/// The integrator that the command line names, or the scene's; `path` where there is none, or where lenience allows it.
-pub(super) fn choose_integrator(
-    spec: Option<&Spec>,
-    lenient: bool,
-    scene: &Scene,
-) -> Result<Integrator, CliError> {
-    let settings = &scene.integrator;
-    Ok(match (spec, &settings.name) {
-        (Some(spec), _) => Integrator::new(&spec.name, &spec.parameters)?,
-        (None, Some(name)) => match Integrator::new(name, &settings.parameters) {
-            Ok(integrator) => integrator,
-            Err(error) => replace_integrator(settings, lenient, &error)?,
-        },
-        (None, None) => Integrator::new("path", &[])?,
-    })
-}
-
-/// What stands in for an integrator of the scene that there is not, if lenience allows it.
-fn replace_integrator(
-    settings: &IntegratorSettings,
-    lenient: bool,
-    error: &IntegratorError,
-) -> Result<Integrator, CliError> {
-    let at = settings.location.as_ref().map(|l| format!("{l}: ")).unwrap_or_default();
-    if !lenient {
-        return Err(format!("{at}{error}; --integrator names another, --lenient takes path").into());
-    }
-    eprintln!("warning: {at}{error}; path is used");
-    Ok(Integrator::new("path", &[])?)
 }
 
 impl RenderArgs {
@@ -261,7 +260,7 @@ impl RenderArgs {
     }
 }
 
-/// A render whose backend is about to be chosen.
+/// A render.
 struct Job<'a> {
     args: &'a RenderArgs,
     scene: &'a Scene,
@@ -269,13 +268,15 @@ struct Job<'a> {
     outputs: Outputs,
     target: Target,
     load_time: Duration,
-    start: Instant,
+    /// Of the backend.
+    build_time: Duration,
 }
 
 impl Job<'_> {
     fn run<Q: RayQuery>(self, query: &Q) -> Result<u8, CliError> {
+        let start = Instant::now();
         let world = World::new(self.scene);
-        let build_time = self.start.elapsed();
+        let build_time = self.build_time + start.elapsed();
         if let Some(pixel) = self.args.debug_pixel {
             return self.debug_pixel(&world, query, pixel);
         }
@@ -289,8 +290,16 @@ impl Job<'_> {
         let mut film = self.film(&world, &identity)?;
         let interrupted = stop_on_ctrl_c()?;
         let mut store = self.photon_store(&identity)?;
-        let progress = self.render(&world, query, &mut film, &mut store, &interrupted)?;
-        let report = Report { job: &self, film: &film, progress, build_time, backend: query.name() };
+        let (progress, estimate) = match self.args.error {
+            None => (self.render(&world, query, &mut film, &mut store, &interrupted)?, None),
+            Some(target) => {
+                let outcome = self.render_to_error(&world, query, &film, target, &interrupted)?;
+                film = outcome.film;
+                (outcome.progress, outcome.estimate)
+            }
+        };
+        let report =
+            Report { job: &self, film: &film, progress, estimate, build_time, backend: query.name() };
 
         report.print_dropped();
         self.say(&report.photon_warnings());
@@ -305,6 +314,7 @@ impl Job<'_> {
             self.say(&[format!("wrote {}; go on with the same command and --resume {0}", path.display())]);
         }
         self.say(&[report.summary()]);
+        self.say(&report.accuracy());
         if self.args.json {
             println!("{:#}", report.statistics());
         }
@@ -435,6 +445,24 @@ impl Job<'_> {
         Ok(progress)
     }
 
+    fn render_to_error<Q: RayQuery>(
+        &self,
+        world: &World,
+        query: &Q,
+        empty: &Film,
+        target: f64,
+        interrupted: &AtomicBool,
+    ) -> Result<Outcome, CliError> {
+        let bar = Bar::new(None, self.args.time, self.args.quiet);
+        let limits = (target, self.args.time);
+        let outcome = render_to_error(world, query, &self.target, empty, limits, |progress, _| {
+            bar.update(progress, false);
+            if interrupted.load(Ordering::Relaxed) { Control::Stop } else { Control::Continue }
+        })?;
+        bar.finish();
+        Ok(outcome)
+    }
+
     /// Where to save the film: where asked to, and beside the image after an interruption.
     fn state_path(&self, interrupted: bool) -> Option<PathBuf> {
         self.args.save_state.clone().or_else(|| interrupted.then(|| self.outputs.state()))
@@ -461,6 +489,8 @@ struct Report<'a> {
     job: &'a Job<'a>,
     film: &'a Film,
     progress: Progress,
+    /// Of a render to a target error.
+    estimate: Option<ErrorEstimate>,
     build_time: Duration,
     backend: String,
 }
@@ -481,6 +511,23 @@ impl Report<'_> {
             self.job.load_time.as_secs_f64(),
             self.build_time.as_secs_f64(),
         )
+    }
+
+    /// What is known of the error, if it was asked for.
+    fn accuracy(&self) -> Vec<String> {
+        let Some(target) = self.job.args.error else { return Vec::new() };
+        let mut lines = vec![match self.estimate {
+            None => "no estimate of the error: fewer than 8 passes were rendered".to_owned(),
+            Some(ErrorEstimate { rel_mse, upper }) => {
+                let verdict =
+                    if upper < target { "the target is reached" } else { "the target is NOT reached" };
+                format!("relMSE is about {rel_mse:.3e}, with 95 % confidence below {upper:.3e}: {verdict}")
+            }
+        }];
+        if let Some(bias) = self.job.target.integrator.bias() {
+            lines.push(format!("the estimate does not cover bias: {bias}"));
+        }
+        lines
     }
 
     /// Says how many contributions were left out, and how to look at the first of them.
@@ -575,6 +622,9 @@ impl Report<'_> {
             "build_seconds": self.build_time.as_secs_f64(),
             "render_seconds": self.progress.elapsed.as_secs_f64(),
             "dropped": dropped,
+            "relmse_estimate": self.estimate.map(|e| e.rel_mse),
+            "relmse_upper": self.estimate.map(|e| e.upper),
+            "bias": self.job.target.integrator.bias(),
         })
     }
 }

@@ -116,14 +116,14 @@ impl Backward {
             let is_caustic = !C::BY_PATHS && is_diffused && walk.is_delta;
             let mut ray = walk.ray;
             let Some(hit) = self.next_hit(world, query, &mut ray, depth) else {
-                observer.segment(walk.mode, depth, &walk.ray, None, walk.beta);
+                observer.segment(&walk, depth, None);
                 if !(is_caustic || self.hide_emitters && depth == 1) {
                     radiance += hit_environment(world, &walk, depth, observer);
                 }
                 break;
             };
             let vertex = SurfaceVertex::new(&world.materials, &hit, &ray);
-            observer.segment(walk.mode, depth, &walk.ray, Some(&vertex), walk.beta);
+            observer.segment(&walk, depth, Some(&vertex));
             if !is_caustic {
                 radiance += hit_light(world, &walk, previous, &vertex, depth, observer);
             }

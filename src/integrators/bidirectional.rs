@@ -137,12 +137,12 @@ impl<Q: RayQuery, O: PathObserver> EyePath<'_, '_, '_, Q, O> {
         for depth in 1..=max_depth {
             self.scratch.rays += 1;
             let Some(hit) = self.pass.query.intersect(&walk.ray) else {
-                self.observer.segment(walk.mode, depth, &walk.ray, None, walk.beta);
+                self.observer.segment(&walk, depth, None);
                 self.hit_environment(&walk, flight, depth);
                 break;
             };
             let vertex = SurfaceVertex::new(&self.pass.world.materials, &hit, &walk.ray);
-            self.observer.segment(walk.mode, depth, &walk.ray, Some(&vertex), walk.beta);
+            self.observer.segment(&walk, depth, Some(&vertex));
             let cos_in = vertex.cos(vertex.wo);
             // Parallel camera rays do not spread.
             let is_spread = depth > 1 || !self.pass.world.camera.is_parallel();

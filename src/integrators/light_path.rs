@@ -145,11 +145,11 @@ impl<Q: RayQuery, O: PathObserver> Tracer<'_, '_, '_, Q, O> {
                 self.hit_lens(&walk, hit, flight, depth);
             }
             let Some(hit) = hit else {
-                self.observer.segment(walk.mode, depth, &walk.ray, None, walk.beta);
+                self.observer.segment(&walk, depth, None);
                 break;
             };
             let vertex = SurfaceVertex::new(&self.pass.world.materials, &hit, &walk.ray);
-            self.observer.segment(walk.mode, depth, &walk.ray, Some(&vertex), walk.beta);
+            self.observer.segment(&walk, depth, Some(&vertex));
             if depth == max_depth {
                 break;
             }

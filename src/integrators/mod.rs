@@ -3,6 +3,7 @@
 //! An integrator is a set of parameters with a function that makes samples or splats; it owns no threads, no film and no
 //! random numbers. [`render`](crate::render) calls it with the [`Pass`] that it works on.
 
+mod ability;
 pub mod backward;
 pub mod bidirectional;
 mod collect;
@@ -15,6 +16,7 @@ pub mod photon_map;
 pub mod vpl;
 pub mod weights;
 
+pub use ability::Ability;
 pub(crate) use backward::Caustics;
 pub use collect::TooManyStored;
 pub use observer::{PathObserver, Strategy, Unobserved};

@@ -4,10 +4,9 @@ use std::fmt;
 
 use glam::Vec2;
 
-use crate::query::Ray;
 use crate::scene::Rgb;
-use crate::transport::bsdf::TransportMode;
 use crate::transport::vertex::SurfaceVertex;
+use crate::transport::walk::Walk;
 
 /// How a path was made: `s` of its vertices from the light, `t` from the camera, the lens and the point on the light included. The
 /// path has `s + t - 1` segments.
@@ -34,16 +33,9 @@ impl fmt::Display for Strategy {
 
 /// Is told of each step of a path. Integrators are generic over it, so that not watching costs nothing.
 pub trait PathObserver {
-    /// `ray` was traced and met `vertex`, or left the scene. `mode` tells eye subpaths (radiance) from light subpaths (importance);
-    /// `beta` is the throughput up to there; `depth` counts segments from 1.
-    fn segment(
-        &mut self,
-        mode: TransportMode,
-        depth: u32,
-        ray: &Ray,
-        vertex: Option<&SurfaceVertex>,
-        beta: Rgb,
-    );
+    /// The walk's ray was traced and met `vertex`, or left the scene. Its mode tells eye subpaths (radiance) from light subpaths (importance);
+    /// its throughput is that up to there; `depth` counts segments from 1.
+    fn segment(&mut self, walk: &Walk, depth: u32, vertex: Option<&SurfaceVertex>);
 
     /// `value` times `mis_weight` reaches the film: at a position in pixels, or as a part of the pixel's own sample.
     fn contribution(&mut self, strategy: Strategy, film: Option<Vec2>, value: Rgb, mis_weight: f32);
@@ -55,7 +47,7 @@ pub struct Unobserved;
 
 impl PathObserver for Unobserved {
     #[inline]
-    fn segment(&mut self, _: TransportMode, _: u32, _: &Ray, _: Option<&SurfaceVertex>, _: Rgb) {}
+    fn segment(&mut self, _: &Walk, _: u32, _: Option<&SurfaceVertex>) {}
 
     #[inline]
     fn contribution(&mut self, _: Strategy, _: Option<Vec2>, _: Rgb, _: f32) {}

@@ -26,6 +26,24 @@ impl PathLength {
         self.max_depth.unwrap_or(u32::MAX)
     }
 
+    /// Takes parameters that must all be of these; `default` has those that are not given.
+    ///
+    /// # Errors
+    /// If a parameter is not known, for an integrator called `name`, or its value is out of range.
+    pub fn from_parameters(
+        name: &'static str,
+        default: Self,
+        parameters: &[(String, String)],
+    ) -> Result<Self, IntegratorError> {
+        let mut this = default;
+        for (parameter, value) in parameters {
+            if !this.read(parameter, value)? {
+                return Err(unknown(name, parameter, "max_depth, rr_depth"));
+            }
+        }
+        Ok(this)
+    }
+
     /// Takes a parameter if it is one of these. Whether it is.
     pub(super) fn read(&mut self, name: &str, value: &str) -> Result<bool, IntegratorError> {
         match name {

@@ -7,11 +7,13 @@
 mod analytic;
 mod camera;
 mod emitter;
+pub mod findings;
 mod image;
 mod instance;
 pub mod load;
 mod material;
 mod mesh;
+pub mod requirements;
 mod shape;
 mod surface;
 pub mod texture;

@@ -7,7 +7,7 @@ use glam::{DVec3, UVec2};
 use super::picture::Picture;
 
 /// Keeps relative errors of dark pixels finite: `relMSE` is the mean of `(I - R)^2 / (R^2 + 0.01)`.
-const REL_MSE_OFFSET: f64 = 0.01;
+pub(super) const REL_MSE_OFFSET: f64 = 0.01;
 
 /// The share of pixels with the greatest relative errors that the trimmed relMSE leaves out, rounded down to whole pixels.
 const TRIMMED: f64 = 0.001;

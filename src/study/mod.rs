@@ -1,11 +1,17 @@
-//! The trade between speed and accuracy, measured: how far images are from a reference, and what two backends cost and disagree about.
+//! The trade between speed and accuracy, measured: how far images are from a reference, what two backends cost and disagree about, and which integrator suits a
+//! scene.
 //!
 //! [`picture`] reads images of any program, [`metrics`] compares numbers, [`flip`] compares what people see, [`heat`] shows where they differ. [`ab`] runs two
-//! backends on one scene; [`html`] is what reports are made of. Nothing here prints.
+//! backends on one scene; [`html`] is what reports are made of. [`pilot`] renders a few pixels to learn what carries light, [`auto`] chooses an integrator by that, and [`verify`]
+//! holds it against what integrators should be able to do. [`converge`] renders until the error is small enough. Nothing here prints.
 
 pub mod ab;
+pub mod auto;
+pub mod converge;
 pub mod flip;
 pub mod heat;
 pub mod html;
 pub mod metrics;
 pub mod picture;
+pub mod pilot;
+pub mod verify;

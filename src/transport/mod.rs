@@ -18,7 +18,7 @@ pub mod mis;
 pub mod vertex;
 pub mod walk;
 
-use glam::Vec3;
+use glam::{UVec2, Vec3};
 
 use crate::scene::{Aabb, Scene};
 use bsdf::Materials;
@@ -42,8 +42,13 @@ pub struct World<'s> {
 impl<'s> World<'s> {
     /// Prepares a scene.
     pub fn new(scene: &'s Scene) -> Self {
+        Self::for_film(scene, scene.film.size)
+    }
+
+    /// Prepares a scene as seen through a film of another size in pixels.
+    pub fn for_film(scene: &'s Scene, film_size: UVec2) -> Self {
         let bounds = scene.shapes.iter().fold(Aabb::EMPTY, |b, s| b.union(s.geometry.bounds()));
-        let camera = CameraModel::new(&scene.camera, scene.film.size);
+        let camera = CameraModel::new(&scene.camera, film_size);
         let bounds = BoundingSphere::new(bounds, &camera);
         let materials = Materials::new(scene);
         Self { scene, materials, lights: Lights::new(scene, bounds), camera, bounds }

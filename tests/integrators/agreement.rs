@@ -17,7 +17,7 @@ use crate::backends::{BackendTest, on_first_backend};
 use crate::images::{RUNS, estimate, render_runs};
 
 /// Parameters from text such as `max_depth=3,exponent=1`.
-pub(super) fn integrator(name: &str, parameters: &str) -> Integrator {
+pub(crate) fn integrator(name: &str, parameters: &str) -> Integrator {
     let parse = |p: &str| p.split_once('=').map(|(k, v)| (k.to_owned(), v.to_owned())).expect("key=value");
     let parameters: Vec<_> = parameters.split(',').filter(|p| !p.is_empty()).map(parse).collect();
     Integrator::new(name, &parameters).expect("a known integrator")

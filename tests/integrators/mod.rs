@@ -18,7 +18,7 @@
 //! | 14 | Russian roulette within recursive weights | `kinds::roulette_is_no_part_of_the_weights` |
 //! | 15 | a splat that is no number ends the render (pbrt-v4 134) | `film::splats::splats_that_are_no_numbers_are_dropped_and_counted` |
 
-mod agreement;
+pub(crate) mod agreement;
 mod forward;
 mod kinds;
 mod leaning;

@@ -13,6 +13,7 @@ use helmholtz::scene::{Emitter, Material, PixelRect, Rgb, Scene};
 use helmholtz::transport::World;
 use helmholtz::transport::bsdf::TransportMode;
 use helmholtz::transport::vertex::SurfaceVertex;
+use helmholtz::transport::walk::Walk;
 
 use super::agreement::integrator;
 use super::forward::{UNDER_POINT, lit_corner, means, mirror, point_over_floor};
@@ -208,7 +209,7 @@ struct Classes {
 }
 
 impl PathObserver for Classes {
-    fn segment(&mut self, _: TransportMode, depth: u32, _: &Ray, vertex: Option<&SurfaceVertex>, _: Rgb) {
+    fn segment(&mut self, _: &Walk, depth: u32, vertex: Option<&SurfaceVertex>) {
         if depth == 1 {
             self.specular.clear();
         }

@@ -136,12 +136,12 @@ impl PhotonMapper {
         for depth in 1..=max_depth {
             scratch.rays += 1;
             let Some(hit) = query.intersect(&walk.ray) else {
-                observer.segment(walk.mode, depth, &walk.ray, None, walk.beta);
+                observer.segment(&walk, depth, None);
                 radiance += walk.beta * world.lights.le_environment(walk.ray.d);
                 break;
             };
             let vertex = SurfaceVertex::new(&world.materials, &hit, &walk.ray);
-            observer.segment(walk.mode, depth, &walk.ray, Some(&vertex), walk.beta);
+            observer.segment(&walk, depth, Some(&vertex));
             radiance += walk.beta * world.lights.le(&vertex.point, vertex.wo);
             if depth == max_depth {
                 break;

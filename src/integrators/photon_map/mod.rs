@@ -123,7 +123,32 @@ const MAX_PHOTONS: u32 = 1 << 28;
 const MAX_NEAREST: u32 = 1 << 20;
 const MAX_GATHER: u32 = 1 << 16;
 
+/// How fast the disc shrinks unless said otherwise.
+const DEFAULT_ALPHA: f32 = 0.7;
+
 impl PhotonMapper {
+    /// `sppm:mode=caustic` with its defaults: caustics by photons, all else by paths.
+    ///
+    /// # Errors
+    /// If paths may be longer than photons can tell.
+    pub fn caustics(length: PathLength) -> Result<Self, IntegratorError> {
+        let this = Self {
+            length,
+            photons: Self::DEFAULT_PHOTONS,
+            lookup: Lookup::Shrinking { radius: None, alpha: DEFAULT_ALPHA },
+            filter: Filter::default(),
+            direct: Direct::default(),
+            mode: Mode::Caustic,
+            final_gather: 0,
+            show: Show::default(),
+        };
+        this.check()?;
+        Ok(this)
+    }
+
+    /// Photons in each pass unless said otherwise.
+    pub const DEFAULT_PHOTONS: u32 = 200_000;
+
     /// Reads parameters of `photonmapper`, or of `sppm` if it is to be progressive, from text.
     ///
     /// # Errors
@@ -132,17 +157,9 @@ impl PhotonMapper {
         is_progressive: bool,
         parameters: &[(String, String)],
     ) -> Result<Self, IntegratorError> {
-        let mut this = Self {
-            length: PathLength::default(),
-            photons: 200_000,
-            lookup: Lookup::Radius(None),
-            filter: Filter::default(),
-            direct: Direct::default(),
-            mode: Mode::default(),
-            final_gather: 0,
-            show: Show::default(),
-        };
-        let (mut alpha, mut radius) = (0.7, None);
+        let mut this =
+            Self { lookup: Lookup::Radius(None), mode: Mode::Full, ..Self::caustics(PathLength::default())? };
+        let (mut alpha, mut radius) = (DEFAULT_ALPHA, None);
         let (mut by_radius, mut k) = (is_progressive, None);
         let name = if is_progressive { "sppm" } else { "photonmapper" };
         for (parameter, value) in parameters {

@@ -248,14 +248,14 @@ impl VirtualLights {
         for depth in 1..=max_depth {
             gather.rays += 1;
             let Some(hit) = query.intersect(&walk.ray) else {
-                observer.segment(walk.mode, depth, &walk.ray, None, walk.beta);
+                observer.segment(&walk, depth, None);
                 if self.direct == Direct::Nee || gathered.is_none() {
                     radiance += hit_environment(world, &walk, depth, observer);
                 }
                 break;
             };
             let vertex = SurfaceVertex::new(&world.materials, &hit, &walk.ray);
-            observer.segment(walk.mode, depth, &walk.ray, Some(&vertex), walk.beta);
+            observer.segment(&walk, depth, Some(&vertex));
             let taken = match &gathered {
                 Some(from) if self.compensate => pass.vpls.lost(from, &vertex.point),
                 Some(_) => 0.0,

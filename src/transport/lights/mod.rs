@@ -199,6 +199,30 @@ impl<'s> Lights<'s> {
         }
     }
 
+    /// Kinds of lights that there are, by Mitsuba's names, with their number and flux in W.
+    pub fn flux_by_kind(&self) -> Vec<(&'static str, usize, f64)> {
+        let bounds: Vec<Rgb> = self.shapes.iter().map(|shape| self.emission_bound(shape)).collect();
+        let mut kinds: Vec<(&'static str, usize, f64)> = Vec::new();
+        for &light in &self.all {
+            let kind = match light {
+                Light::Triangle { .. } | Light::Rectangle(_) | Light::Analytic { .. } => "area",
+                Light::Point { .. } => "point",
+                Light::Spot(_) => "spot",
+                Light::Directional { .. } => "directional",
+                Light::Environment => "environment",
+            };
+            let flux = self.power(light, &bounds);
+            match kinds.iter_mut().find(|(known, ..)| *known == kind) {
+                Some((_, count, sum)) => {
+                    *count += 1;
+                    *sum += flux;
+                }
+                None => kinds.push((kind, 1, flux)),
+            }
+        }
+        kinds
+    }
+
     /// A radiance that a shape nowhere exceeds, per channel; 0 if it emits nothing.
     fn emission_bound(&self, shape: &Shape) -> Rgb {
         shape.emission.map_or(Rgb::ZERO, |radiance| self.textures.bound(radiance, shape))
