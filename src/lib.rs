@@ -9,6 +9,7 @@
 //! | module | what it holds |
 //! |---|---|
 //! | [`cli`] | one file per subcommand; all printing to people happens there |
+//! | [`capi`] | the C interface: handles, status codes, no panic across the border |
 //! | [`study`] | the trade, measured: errors of images |
 //! | [`render`] | the driver: passes, threads, progress, stop conditions, checkpoints |
 //! | [`strategies`] | the driver for images of single strategies |
@@ -27,9 +28,11 @@
 //! bit for any number of threads, whether rendered in one go, resumed, or merged from parts.
 #![deny(unsafe_code)]
 
+pub mod capi;
 pub mod cli;
 pub mod film;
 pub mod integrators;
+pub mod processor;
 pub mod query;
 pub mod render;
 pub mod sampling;

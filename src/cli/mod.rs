@@ -4,7 +4,7 @@ mod debug_pixel;
 mod diff;
 mod merge;
 mod output;
-mod parse;
+pub(crate) mod parse;
 mod progress;
 mod render;
 

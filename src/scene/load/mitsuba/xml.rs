@@ -5,12 +5,13 @@ use std::borrow::Cow;
 use std::collections::HashMap;
 use std::fmt;
 use std::path::{Path, PathBuf};
+use std::sync::Arc;
 
 use glam::{DAffine3, DVec3};
 use roxmltree::{Document as Xml, Node};
 
 use super::super::error::abridged;
-use super::super::{LoadError, Location, Log, Position};
+use super::super::{LoadError, Location, Log, Position, RawMesh};
 use super::values::{self, Color, Expected, Value};
 use super::{spectra, upgrade};
 
@@ -91,7 +92,7 @@ impl fmt::Display for Category {
 }
 
 /// A place in one of the files; made into line and column only when it is shown.
-#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+#[derive(Debug, Clone, Copy, Default, PartialEq, Eq)]
 pub(super) struct Span {
     source: usize,
     offset: usize,
@@ -145,11 +146,32 @@ pub(super) struct Document {
     search: Vec<PathBuf>,
     /// The children of the scene.
     pub(super) roots: Vec<Child>,
+    /// Meshes in memory by the names of files that they stand for.
+    pub(super) meshes: Vec<(String, Arc<RawMesh>)>,
+}
+
+/// Where a scene is read from.
+pub(in super::super) enum Text<'a> {
+    /// A file.
+    File(&'a Path),
+    /// A text, and where the files are that it names.
+    Memory(&'a str, &'a Path),
+}
+
+impl Text<'_> {
+    /// The file, or one that could hold the text.
+    pub(super) fn path(&self) -> PathBuf {
+        match self {
+            Self::File(path) => path.to_path_buf(),
+            Self::Memory(_, directory) => directory.join("(memory)"),
+        }
+    }
 }
 
 impl Document {
-    /// Reads a scene file with its includes. `defines` are values of `$name` parameters.
-    pub(super) fn read(path: &Path, defines: &[(String, String)], log: &mut Log) -> Result<Self, LoadError> {
+    /// Reads a scene with its includes. `defines` are values of `$name` parameters.
+    pub(super) fn read(text: &Text, defines: &[(String, String)], log: &mut Log) -> Result<Self, LoadError> {
+        let path = &text.path();
         let defines = defines
             .iter()
             .map(|(n, v)| (n.clone(), Define { value: v.clone(), used: false, outer: true }))
@@ -162,7 +184,10 @@ impl Document {
             is_old: false,
             log,
         };
-        reader.file(path, None, 0)?;
+        match text {
+            Text::File(path) => reader.file(path, None, 0)?,
+            Text::Memory(text, _) => reader.text(path, text, 0)?,
+        }
         reader.resolve()?;
         if let Some((name, _)) =
             reader.defines.iter().filter(|(_, d)| d.outer && !d.used).min_by_key(|(n, _)| *n)
@@ -179,6 +204,11 @@ impl Document {
 
     pub(super) fn object(&self, id: ObjectId) -> &Object {
         &self.objects[id.0]
+    }
+
+    /// The mesh in memory that stands for a file.
+    pub(super) fn mesh(&self, name: &str) -> Option<&Arc<RawMesh>> {
+        self.meshes.iter().find(|(n, _)| n == name).map(|(_, mesh)| mesh)
     }
 
     /// All objects, in the order in which they begin.
@@ -285,12 +315,17 @@ impl SceneReader<'_> {
             let offset = e.utf8_error().valid_up_to() as u64;
             LoadError::new(Location::byte(path, offset), "bytes that are not UTF-8", "an XML file in UTF-8")
         })?;
+        self.text(path, &text, depth)
+    }
+
+    /// Adds what a text's `<scene>` holds to the scene. The path is for messages, and for files to be found beside it.
+    fn text(&mut self, path: &Path, text: &str, depth: usize) -> Result<(), LoadError> {
         let source = self.document.sources.len();
-        refuse_crowded_tags(path, &text)?;
+        refuse_crowded_tags(path, text)?;
         let lines = std::iter::once(0).chain(text.match_indices('\n').map(|(i, _)| i + 1)).collect();
-        self.document.sources.push(Source { path: path.to_path_buf(), text: text.clone(), lines });
+        self.document.sources.push(Source { path: path.to_path_buf(), text: text.to_owned(), lines });
         let options = roxmltree::ParsingOptions { allow_dtd: false, ..Default::default() };
-        let xml = Xml::parse_with_options(&text, options).map_err(|e| {
+        let xml = Xml::parse_with_options(text, options).map_err(|e| {
             let pos = e.pos();
             let position = Position::LineColumn(pos.row as usize, pos.col as usize);
             // The position is said already.
