@@ -7,7 +7,7 @@
 //!   ([`registry`]), never followed as pointers: those that were freed, made up, or are of another kind are told apart with certainty but for luck.
 //! - Any function may be called from any thread at any time. A scene is locked for as long as a call or a render uses it; what would change it meanwhile says
 //!   [`HELMHOLTZ_BUSY`](helmholtz_status::HELMHOLTZ_BUSY) instead of waiting.
-//! - No thread outlives the call or the render that started it. Rayon's global pool is never used.
+//! - No thread of ours outlives the call or the render that started it; rayon's global pool is never used. Those with which Embree builds are TBB's, which keeps them.
 //!
 //! What it is not: another way to describe scenes. Those are Mitsuba XML, whose meshes may lie in the caller's memory; so every name and
 //! default is that of the files.

@@ -128,18 +128,27 @@ impl State {
             };
         };
         let (backend, update) = (self.backend, self.update);
-        let prepared = in_pool(threads, move || {
-            let (scene, built) = *raw;
-            Prepared::new(scene, built, backend, update)
-        })?;
+        // Where there are no threads to be had, the scene must not be lost.
+        let mut slot = Some(raw);
+        let prepared = in_pool(threads, || {
+            slot.take().map(|raw| {
+                let (scene, built) = *raw;
+                Prepared::new(scene, built, backend, update)
+            })
+        });
         match prepared {
-            Ok(prepared) => {
+            Ok(Some(Ok(prepared))) => {
                 self.form = Form::Prepared(Box::new(prepared));
                 Ok(())
             }
-            Err(failed) => {
+            Ok(Some(Err(failed))) => {
                 let (scene, failure) = *failed;
                 self.form = Form::Raw(Box::new((scene, None)));
+                Err(failure)
+            }
+            Ok(None) => Err(lost()),
+            Err(failure) => {
+                self.form = slot.map_or(Form::Lost, Form::Raw);
                 Err(failure)
             }
         }

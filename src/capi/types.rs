@@ -100,7 +100,7 @@ pub struct helmholtz_load_options {
     pub directory: *const c_char,
     /// Not 0: replace what is not supported, with a message that says by what.
     pub lenient: c_int,
-    /// Threads for loading, building and reading; 0 for one per core. They end before the call returns.
+    /// Threads for loading, building and reading; 0 for one per core. They end before the call returns, but for those with which Embree builds.
     pub threads: u32,
 }
 

@@ -296,17 +296,25 @@ static void asking(void) {
 struct watch {
     helmholtz_scene scene;
     unsigned calls, cancel_after;
-    helmholtz_render self;
+    /* Handle of the render itself, which main knows only after it has begun. */
+    int waits_for_self;
+    volatile uint64_t self;
     int errors;
+    float pixels[SIZE * SIZE];
 };
 
 static int watch(const helmholtz_progress *progress, void *user) {
     struct watch *w = (struct watch *)user;
+    helmholtz_render self;
+    while (w->waits_for_self && !w->self) {
+    }
+    self.id = w->self;
     if (++w->calls != progress->passes_done || progress->finished || progress->dropped) ++w->errors;
     /* A scene that is being rendered cannot be changed, nor can a callback wait for itself. */
     if (helmholtz_scene_edit(w->scene, "<scene version='3.0.0'/>", NULL) != HELMHOLTZ_BUSY) ++w->errors;
-    if (w->self.id && helmholtz_render_wait(w->self) != HELMHOLTZ_BUSY) ++w->errors;
-    if (w->self.id && helmholtz_render_free(w->self) != HELMHOLTZ_BUSY) ++w->errors;
+    if (self.id && helmholtz_render_wait(self) != HELMHOLTZ_BUSY) ++w->errors;
+    if (self.id && helmholtz_render_free(self) != HELMHOLTZ_BUSY) ++w->errors;
+    if (self.id && helmholtz_render_read(self, "R", w->pixels, SIZE * SIZE, 0, 0) != HELMHOLTZ_OK) ++w->errors;
     return w->calls == w->cancel_after;
 }
 
@@ -394,7 +402,9 @@ static void rendering(const char *exr, const char *png) {
     options.pass_count = 1000;
     w.calls = 0;
     w.cancel_after = 2;
+    w.waits_for_self = 1;
     OK(helmholtz_render_start(scene, &options, &render));
+    w.self = render.id;
     IS(HELMHOLTZ_CANCELLED, helmholtz_render_wait(render));
     SAYS("after 2 passes");
     TRUE(w.calls == 2 && w.errors == 0);
