@@ -3,8 +3,8 @@
 //! `include/helmholtz.h` is generated from here; its text is the documentation of these functions. What holds for all of them:
 //!
 //! - Each returns a [`helmholtz_status`] (or what cannot fail), and on failure leaves a message for [`helmholtz_last_error`].
-//! - No panic leaves a function ([`border`]), and none of what is documented as checked is undefined behaviour. Handles are numbers from a counter
-//!   ([`registry`]), never followed as pointers: those that were freed, made up, or are of another kind are told apart with certainty but for luck.
+//! - No panic leaves a function (`border`), and none of what is documented as checked is undefined behaviour. Handles are numbers from a counter
+//!   (`registry`), never followed as pointers: those that were freed, made up, or are of another kind are told apart with certainty but for luck.
 //! - Any function may be called from any thread at any time. A scene is locked for as long as a call or a render uses it; what would change it meanwhile says
 //!   [`HELMHOLTZ_BUSY`](helmholtz_status::HELMHOLTZ_BUSY) instead of waiting.
 //! - No thread of ours outlives the call or the render that started it; rayon's global pool is never used. Those with which Embree builds are TBB's, which keeps them.
