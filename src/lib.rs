@@ -18,6 +18,7 @@
 //! | [`film`] | accumulation, reconstruction filters, AOVs, EXR and PNG output |
 //! | [`sampling`] | sampler (per pixel, pass and dimension), warps, discrete distributions |
 //! | [`query`] | closest-hit and occlusion queries: Embree, obvhs |
+//! | [`processor`] | whether this machine's processor suits this build |
 //! | [`scene`] | plain data: shapes, materials, emitters, camera; and the loaders |
 //!
 //! ## One pass is a function

@@ -1,6 +1,8 @@
 //! The types of the C interface, under the names that C knows them by. `include/helmholtz.h` is generated from this file and those of the functions.
 #![allow(
     non_camel_case_types,
+    clippy::enum_variant_names,
+    clippy::upper_case_acronyms,
     reason = "they are named as in C, so that the header and this file read alike"
 )]
 
