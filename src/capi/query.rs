@@ -4,7 +4,9 @@ use super::arguments::check_array;
 use super::border::{Outcome, call};
 use super::prepared::with_query;
 use super::scene::SCENES;
-use super::types::{helmholtz_hit, helmholtz_ray, helmholtz_scene, helmholtz_status as Status};
+use super::types::{
+    helmholtz_hit, helmholtz_ray, helmholtz_scene, helmholtz_status, helmholtz_status as Status,
+};
 use crate::query::{Hit, Ray, RayQuery};
 
 impl From<&helmholtz_ray> for Ray {
@@ -52,7 +54,7 @@ pub unsafe extern "C" fn helmholtz_intersect(
     rays: *const helmholtz_ray,
     hits: *mut helmholtz_hit,
     count: usize,
-) -> Status {
+) -> helmholtz_status {
     // SAFETY: this function's own contract.
     call(|| unsafe {
         answer(scene, rays, hits, count, |query, rays, hits| {
@@ -78,7 +80,7 @@ pub unsafe extern "C" fn helmholtz_occluded(
     rays: *const helmholtz_ray,
     occluded: *mut u8,
     count: usize,
-) -> Status {
+) -> helmholtz_status {
     // SAFETY: this function's own contract.
     call(|| unsafe {
         answer(scene, rays, occluded, count, |query, rays, occluded| {

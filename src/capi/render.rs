@@ -18,7 +18,7 @@ use super::registry::Registry;
 use super::scene::{SCENES, SceneObject, in_pool, thread_count};
 use super::types::{
     helmholtz_progress, helmholtz_progress_function, helmholtz_render, helmholtz_render_options,
-    helmholtz_scene, helmholtz_status as Status,
+    helmholtz_scene, helmholtz_status, helmholtz_status as Status,
 };
 use crate::cli::parse;
 use crate::film::{Aov, AovSet, Film, Image, output};
@@ -314,7 +314,7 @@ pub unsafe extern "C" fn helmholtz_render_start(
     scene: helmholtz_scene,
     options: *const helmholtz_render_options,
     render: *mut helmholtz_render,
-) -> Status {
+) -> helmholtz_status {
     call(|| {
         let object = SCENES.get(scene.id)?;
         arguments::not_null(render, "render")?;
@@ -348,7 +348,7 @@ pub unsafe extern "C" fn helmholtz_render_start(
 ///
 /// Any thread but that of the render's callback.
 #[unsafe(no_mangle)]
-pub extern "C" fn helmholtz_render_wait(render: helmholtz_render) -> Status {
+pub extern "C" fn helmholtz_render_wait(render: helmholtz_render) -> helmholtz_status {
     call(|| {
         let job = RENDERS.get(render.id)?;
         job.check_not_current()?;
@@ -360,7 +360,7 @@ pub extern "C" fn helmholtz_render_wait(render: helmholtz_render) -> Status {
 ///
 /// Any thread.
 #[unsafe(no_mangle)]
-pub extern "C" fn helmholtz_render_cancel(render: helmholtz_render) -> Status {
+pub extern "C" fn helmholtz_render_cancel(render: helmholtz_render) -> helmholtz_status {
     call(|| {
         RENDERS.get(render.id)?.cancelled.store(true, Ordering::Relaxed);
         Ok(())
@@ -377,7 +377,7 @@ pub extern "C" fn helmholtz_render_cancel(render: helmholtz_render) -> Status {
 pub unsafe extern "C" fn helmholtz_render_poll(
     render: helmholtz_render,
     progress: *mut helmholtz_progress,
-) -> Status {
+) -> helmholtz_status {
     call(|| {
         let job = RENDERS.get(render.id)?;
         // SAFETY: this function's own contract.
@@ -451,7 +451,7 @@ pub unsafe extern "C" fn helmholtz_render_read(
     capacity: usize,
     pixel_stride: usize,
     row_stride: usize,
-) -> Status {
+) -> helmholtz_status {
     call(|| {
         let job = RENDERS.get(render.id)?;
         // SAFETY: this function's own contract.
@@ -486,7 +486,7 @@ pub unsafe extern "C" fn helmholtz_render_read_integers(
     capacity: usize,
     pixel_stride: usize,
     row_stride: usize,
-) -> Status {
+) -> helmholtz_status {
     call(|| {
         let job = RENDERS.get(render.id)?;
         // SAFETY: this function's own contract.
@@ -515,7 +515,10 @@ fn no_channel(image: &Image, name: &str, kind: &str) -> Failure {
 /// # Safety
 /// `path` is null or a text that ends with a zero.
 #[unsafe(no_mangle)]
-pub unsafe extern "C" fn helmholtz_render_save(render: helmholtz_render, path: *const c_char) -> Status {
+pub unsafe extern "C" fn helmholtz_render_save(
+    render: helmholtz_render,
+    path: *const c_char,
+) -> helmholtz_status {
     call(|| {
         let job = RENDERS.get(render.id)?;
         // SAFETY: this function's own contract.
@@ -550,7 +553,7 @@ pub unsafe extern "C" fn helmholtz_render_save(render: helmholtz_render, path: *
 ///
 /// Any thread but that of the render's callback.
 #[unsafe(no_mangle)]
-pub extern "C" fn helmholtz_render_free(render: helmholtz_render) -> Status {
+pub extern "C" fn helmholtz_render_free(render: helmholtz_render) -> helmholtz_status {
     call(|| {
         if render.id == 0 {
             return Ok(());

@@ -9,7 +9,7 @@ use super::border::{Failure, Outcome, call};
 use super::prepared::{Detached, Prepared};
 use super::registry::Registry;
 use super::types::{
-    helmholtz_load_options, helmholtz_mesh, helmholtz_scene, helmholtz_scene_info,
+    helmholtz_load_options, helmholtz_mesh, helmholtz_scene, helmholtz_scene_info, helmholtz_status,
     helmholtz_status as Status, helmholtz_update,
 };
 use crate::cli::parse;
@@ -78,7 +78,7 @@ impl SceneObject {
     }
 
     fn read(&self) -> Outcome<RwLockReadGuard<'_, State>> {
-        // Nobody waits to write but where nobody reads for long: see `with_prepared`.
+        // Nobody ever waits to write, so this only waits for who is writing.
         self.state.read().map_err(|_| lost())
     }
 
@@ -96,8 +96,12 @@ impl SceneObject {
             if let Form::Prepared(prepared) = &self.read()?.form {
                 return Ok(body(prepared));
             }
-            // Renders hold the lock for long, but only when the scene is prepared.
-            self.state.write().map_err(|_| lost())?.prepare(self.threads)?;
+            // Never waits to write: who then wants to read, as a callback may within a render, would wait behind.
+            match self.state.try_write() {
+                Ok(mut state) => state.prepare(self.threads)?,
+                Err(TryLockError::WouldBlock) => std::thread::yield_now(),
+                Err(TryLockError::Poisoned(_)) => return Err(lost()),
+            }
         }
     }
 
@@ -121,11 +125,14 @@ impl SceneObject {
 
 impl State {
     fn prepare(&mut self, threads: usize) -> Outcome {
-        let Form::Raw(raw) = std::mem::replace(&mut self.form, Form::Lost) else {
-            return match &self.form {
-                Form::Lost => Err(lost()),
-                _ => Ok(()),
-            };
+        let raw = match std::mem::replace(&mut self.form, Form::Lost) {
+            Form::Raw(raw) => raw,
+            // Another thread was quicker.
+            prepared @ Form::Prepared(_) => {
+                self.form = prepared;
+                return Ok(());
+            }
+            Form::Lost => return Err(lost()),
         };
         let (backend, update) = (self.backend, self.update);
         // Where there are no threads to be had, the scene must not be lost.
@@ -245,7 +252,7 @@ pub unsafe extern "C" fn helmholtz_scene_load(
     path: *const c_char,
     options: *const helmholtz_load_options,
     scene: *mut helmholtz_scene,
-) -> Status {
+) -> helmholtz_status {
     // SAFETY: this function's own contract.
     call(|| unsafe {
         let path = text(path, "path")?;
@@ -265,7 +272,7 @@ pub unsafe extern "C" fn helmholtz_scene_parse(
     xml: *const c_char,
     options: *const helmholtz_load_options,
     scene: *mut helmholtz_scene,
-) -> Status {
+) -> helmholtz_status {
     // SAFETY: this function's own contract.
     call(|| unsafe {
         let xml = text(xml, "xml")?;
@@ -288,7 +295,7 @@ pub unsafe extern "C" fn helmholtz_scene_edit(
     scene: helmholtz_scene,
     xml: *const c_char,
     options: *const helmholtz_load_options,
-) -> Status {
+) -> helmholtz_status {
     // SAFETY: this function's own contract.
     call(|| unsafe {
         let object = SCENES.get(scene.id)?;
@@ -317,7 +324,7 @@ pub unsafe extern "C" fn helmholtz_scene_set_mesh(
     scene: helmholtz_scene,
     shape: *const c_char,
     mesh: *const helmholtz_mesh,
-) -> Status {
+) -> helmholtz_status {
     // SAFETY: this function's own contract.
     call(|| unsafe {
         let object = SCENES.get(scene.id)?;
@@ -339,7 +346,7 @@ pub unsafe extern "C" fn helmholtz_scene_set_backend(
     scene: helmholtz_scene,
     backend: *const c_char,
     update: i32,
-) -> Status {
+) -> helmholtz_status {
     call(|| {
         let object = SCENES.get(scene.id)?;
         // SAFETY: this function's own contract.
@@ -368,7 +375,7 @@ pub unsafe extern "C" fn helmholtz_scene_set_backend(
 ///
 /// Any thread.
 #[unsafe(no_mangle)]
-pub extern "C" fn helmholtz_scene_commit(scene: helmholtz_scene) -> Status {
+pub extern "C" fn helmholtz_scene_commit(scene: helmholtz_scene) -> helmholtz_status {
     call(|| SCENES.get(scene.id)?.with_prepared(|_| ()))
 }
 
@@ -382,7 +389,7 @@ pub extern "C" fn helmholtz_scene_commit(scene: helmholtz_scene) -> Status {
 pub unsafe extern "C" fn helmholtz_scene_describe(
     scene: helmholtz_scene,
     info: *mut helmholtz_scene_info,
-) -> Status {
+) -> helmholtz_status {
     call(|| {
         let object = SCENES.get(scene.id)?;
         let state = object.read()?;
@@ -414,7 +421,7 @@ pub unsafe extern "C" fn helmholtz_scene_find_shape(
     scene: helmholtz_scene,
     shape: *const c_char,
     number: *mut u32,
-) -> Status {
+) -> helmholtz_status {
     call(|| {
         let object = SCENES.get(scene.id)?;
         arguments::not_null(number, "number")?;
@@ -442,7 +449,7 @@ pub unsafe extern "C" fn helmholtz_scene_messages(
     text: *mut c_char,
     capacity: usize,
     length: *mut usize,
-) -> Status {
+) -> helmholtz_status {
     call(|| {
         let object = SCENES.get(scene.id)?;
         let mut lines = object.messages.lock().unwrap_or_else(PoisonError::into_inner).join("\n");
@@ -471,6 +478,6 @@ pub unsafe extern "C" fn helmholtz_scene_messages(
 ///
 /// Any thread.
 #[unsafe(no_mangle)]
-pub extern "C" fn helmholtz_scene_free(scene: helmholtz_scene) -> Status {
+pub extern "C" fn helmholtz_scene_free(scene: helmholtz_scene) -> helmholtz_status {
     call(|| if scene.id == 0 { Ok(()) } else { SCENES.remove(scene.id).map(drop) })
 }

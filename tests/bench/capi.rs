@@ -102,7 +102,8 @@ fn compare_renders(scene: helmholtz_scene, rust: &Scene, query: &impl RayQuery) 
     let target = Target { integrator: Integrator::new("path", &[]).expect("an integrator"), seed: 0 };
     let pool = rayon::ThreadPoolBuilder::new().num_threads(1).build().expect("a pool");
     let direct = || {
-        let mut film = Film::new(&rust.film, AovSet::default(), world.lights.radiance_unit()).expect("a film");
+        let mut film =
+            Film::new(&rust.film, AovSet::default(), world.lights.radiance_unit()).expect("a film");
         let stop = Stop { passes: 0..PASSES, time: None };
         let go_on = |_: &_| Control::Continue;
         pool.install(|| render(&world, query, &target, &mut film, &stop, go_on)).expect("a render");

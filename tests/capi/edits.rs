@@ -52,7 +52,8 @@ fn ball(scale: f64) -> RawMesh {
 }
 
 fn load_with(text: &str, ball: RawMesh) -> Loaded {
-    let options = LoadOptions { meshes: vec![("ball.ply".to_owned(), Arc::new(ball))], ..LoadOptions::default() };
+    let options =
+        LoadOptions { meshes: vec![("ball.ply".to_owned(), Arc::new(ball))], ..LoadOptions::default() };
     load_text(text, Path::new(""), &options).unwrap()
 }
 
@@ -70,7 +71,11 @@ fn image(scene: &Scene) -> Image {
 fn a_mesh_in_memory_is_the_same_as_its_file() {
     let folder = tempfile::tempdir().unwrap();
     let mesh = ball(0.25);
-    let mut ply = format!("ply\nformat ascii 1.0\nelement vertex {}\nproperty float x\nproperty float y\nproperty float z\nelement face {}\nproperty list uchar int vertex_indices\nend_header\n", mesh.positions.len(), mesh.triangles.len());
+    let mut ply = format!(
+        "ply\nformat ascii 1.0\nelement vertex {}\nproperty float x\nproperty float y\nproperty float z\nelement face {}\nproperty list uchar int vertex_indices\nend_header\n",
+        mesh.positions.len(),
+        mesh.triangles.len()
+    );
     for p in &mesh.positions {
         ply += &format!("{} {} {}\n", p.x, p.y, p.z);
     }
@@ -141,7 +146,10 @@ fn refused_edits_change_nothing() {
     let mut bad = ball(0.0);
     bad.positions[3] = Vec3::NAN;
     let error = origins.set_mesh(&mut scene, "ball", bad).unwrap_err();
-    assert!(matches!(error, EditError::Mesh { source: MeshError::BadVertex { vertex: 3, .. }, .. }), "{error}");
+    assert!(
+        matches!(error, EditError::Mesh { source: MeshError::BadVertex { vertex: 3, .. }, .. }),
+        "{error}"
+    );
     assert_eq!(image(&scene), before);
 }
 

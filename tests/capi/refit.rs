@@ -12,7 +12,8 @@ use crate::support::{Rng, analytic, icosphere, mesh, placed, shape};
 fn scene() -> Vec<Shape> {
     let (positions, triangles) = icosphere(4);
     let ball = mesh(placed(&positions, 0.5, DVec3::X), triangles.clone());
-    let group = Arc::new(Group::new(vec![mesh(placed(&positions, 0.3, DVec3::ZERO), triangles.clone())]).unwrap());
+    let group =
+        Arc::new(Group::new(vec![mesh(placed(&positions, 0.3, DVec3::ZERO), triangles.clone())]).unwrap());
     let to_world = DAffine3::from_translation(DVec3::new(0.0, -1.2, 0.0));
     vec![
         mesh(wave(&positions, 0.0), triangles),
