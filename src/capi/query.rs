@@ -4,9 +4,7 @@ use super::arguments::check_array;
 use super::border::{Outcome, call};
 use super::prepared::with_query;
 use super::scene::SCENES;
-use super::types::{
-    helmholtz_hit, helmholtz_ray, helmholtz_scene, helmholtz_status, helmholtz_status as Status,
-};
+use super::types::{helmholtz_hit, helmholtz_ray, helmholtz_scene, helmholtz_status};
 use crate::query::{Hit, Ray, RayQuery};
 
 impl From<&helmholtz_ray> for Ray {

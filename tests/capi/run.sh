@@ -79,7 +79,6 @@ done
 
 say 'AddressSanitizer and UndefinedBehaviorSanitizer'
 sanitize='-fsanitize=address,undefined -fno-sanitize-recover=all -fno-omit-frame-pointer'
-export LSAN_OPTIONS=suppressions=$root/tests/capi/leaks.supp:print_suppressions=0
 build_example clang++ example-sanitized $sanitize
 "$work/example-sanitized/turntable" "$work/example-sanitized/frames" '' 32 2
 clang -std=c99 $strict $sanitize tests/capi/test.c -o "$work/test-sanitized" "${flags[@]}" -lm
