@@ -9,6 +9,7 @@
 //! | module | what it holds |
 //! |---|---|
 //! | [`cli`] | one file per subcommand; all printing to people happens there |
+//! | [`capi`] | the C interface: handles, status codes, no panic across the border |
 //! | [`study`] | the trade, measured: errors of images, backends side by side, what a scene's light is made of, which integrator suits it, rendering to an error |
 //! | [`render`] | the driver: passes, threads, progress, stop conditions, checkpoints |
 //! | [`strategies`] | the driver for images of single strategies |
@@ -17,6 +18,7 @@
 //! | [`film`] | accumulation, reconstruction filters, AOVs, EXR and PNG output |
 //! | [`sampling`] | sampler (per pixel, pass and dimension), warps, discrete distributions |
 //! | [`query`] | closest-hit and occlusion queries: Embree, obvhs, one checked against the other |
+//! | [`processor`] | whether this machine's processor suits this build |
 //! | [`scene`] | plain data: shapes, materials, emitters, camera; and the loaders |
 //!
 //! ## One pass is a function
@@ -27,9 +29,11 @@
 //! bit for any number of threads, whether rendered in one go, resumed, or merged from parts.
 #![deny(unsafe_code)]
 
+pub mod capi;
 pub mod cli;
 pub mod film;
 pub mod integrators;
+pub mod processor;
 pub mod query;
 pub mod render;
 pub mod sampling;

@@ -1,8 +1,9 @@
 //! The driver: runs passes of an integrator on all threads of the current rayon pool, adds them to a film, and knows
 //! when to stop. It does not open files and does not print.
 
+use std::borrow::BorrowMut;
 use std::ops::Range;
-use std::sync::{Mutex, PoisonError};
+use std::sync::{Mutex, MutexGuard, PoisonError};
 use std::time::{Duration, Instant};
 
 use glam::{IVec2, Vec2};
@@ -117,14 +118,47 @@ pub fn render_with_store<Q: RayQuery>(
     film: &mut Film,
     stop: &Stop,
     store: &mut PhotonStore,
+    progress: impl FnMut(&Progress) -> Control,
+) -> Result<Progress, RenderError> {
+    render_passes(world, query, target, &Mutex::new(film), stop, store, progress)
+}
+
+/// [`render`] into a film that others may look at between passes: it is locked only while a pass is added.
+///
+/// # Errors
+/// As of [`render`].
+pub fn render_shared<Q: RayQuery>(
+    world: &World,
+    query: &Q,
+    target: &Target,
+    film: &Mutex<Film>,
+    stop: &Stop,
+    progress: impl FnMut(&Progress) -> Control,
+) -> Result<Progress, RenderError> {
+    render_passes(world, query, target, film, stop, &mut PhotonStore::Traced, progress)
+}
+
+fn render_passes<Q: RayQuery, F: BorrowMut<Film>>(
+    world: &World,
+    query: &Q,
+    target: &Target,
+    film: &Mutex<F>,
+    stop: &Stop,
+    store: &mut PhotonStore,
     mut progress: impl FnMut(&Progress) -> Control,
 ) -> Result<Progress, RenderError> {
+    // Who looked at the film and panicked did not change it.
+    let lock = || -> MutexGuard<F> { film.lock().unwrap_or_else(PoisonError::into_inner) };
     let start = Instant::now();
     let mut done = Progress::default();
-    let mut samples = film.new_pass();
+    let (mut samples, aovs) = {
+        let film = lock();
+        let film: &Film = (*film).borrow();
+        (film.new_pass(), film.aovs())
+    };
     let mut pool = Pool::default();
     for index in stop.passes.clone() {
-        if film.passes().contains(index) {
+        if (*lock()).borrow().passes().contains(index) {
             continue;
         }
         if stop.time.is_some_and(|limit| done.passes > 0 && start.elapsed() >= limit) {
@@ -144,7 +178,7 @@ pub fn render_with_store<Q: RayQuery>(
         }
         // Rays from the camera are then sent only if an AOV asks what they see.
         let only_splats = integrator.only_splats();
-        let with_samples = !only_splats || film.aovs().needs_records();
+        let with_samples = !only_splats || aovs.needs_records();
         if with_samples {
             sample_pixels(&pass, integrator, &mut samples, &pool);
         }
@@ -152,7 +186,7 @@ pub fn render_with_store<Q: RayQuery>(
             trace_light_paths(&pass, integrator, &pool);
         }
         let rays = pool.gather() + pass.photons.rays + pass.vpls.rays;
-        film.add_pass(index, with_samples.then_some(&samples), &pool.splats)?;
+        (*lock()).borrow_mut().add_pass(index, with_samples.then_some(&samples), &pool.splats)?;
         done.passes += 1;
         done.rays += rays;
         done.photons += (pass.photons.map.photons().len() + pass.vpls.len()) as u64;

@@ -6,6 +6,7 @@ mod backends;
 mod benchmarks;
 mod bsdf;
 mod camera;
+mod capi;
 mod cli;
 mod converge;
 mod crosscheck;

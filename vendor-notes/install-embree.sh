@@ -15,7 +15,8 @@ wheel_sha256=2cd0f7d5c6342e6247e31f700761689cae7829454d8c6de0c41e62124a023e1f
 embree_library=libembree4-4aef3270.so.4
 tbb_library=libtbb-dcf63f8c.so.12
 headers_release=trixie
-debian_keyring=/usr/share/keyrings/debian-archive-keyring.gpg
+# shellcheck source=vendor-notes/other-debian.sh
+. "$(dirname "$0")/other-debian.sh"
 
 say() { printf 'install-embree: %s\n' "$*"; }
 fail() { printf 'install-embree: error: %s\n' "$*" >&2; exit 1; }
@@ -33,14 +34,6 @@ as_root() {
 
 installed() { # PACKAGE... : whether dpkg has one of these (patterns allowed)
     dpkg-query -W -f '${db:Status-Status}\n' "$@" 2>/dev/null | grep -qx installed
-}
-
-apt_updated=no
-apt_update() { # once per run
-    [ "$apt_updated" = no ] || return 0
-    say 'refreshing the package lists'
-    as_root apt-get -q update
-    apt_updated=yes
 }
 
 apt_install() {
@@ -77,42 +70,10 @@ download_wheel() { # DIR : leaves the unpacked wheel in DIR/wheel
     python3 -m zipfile -e "$file" "$1/wheel"
 }
 
-debian_uri() { # the address this machine takes Debian's main archive from
-    # shellcheck disable=SC2016 # apt expands $(REPO_URI)
-    apt-get indextargets --format '$(REPO_URI)' 'Created-By: Packages' 'Origin: Debian' "Codename: $VERSION_CODENAME" | head -n 1
-}
-
 download_headers() { # DIR : leaves Debian 13's libembree-dev unpacked in DIR/headers
-    [ -r "$debian_keyring" ] || fail "$debian_keyring is missing: apt-get install debian-archive-keyring"
-    local uri
-    uri=$(debian_uri)
-    if [ -z "$uri" ]; then
-        apt_update
-        uri=$(debian_uri)
-    fi
-    [ -n "$uri" ] || fail "apt's sources name no Debian archive for $VERSION_CODENAME"
     say "downloading Debian $headers_release's libembree-dev (headers only; apt's own lists are not touched)"
-    mkdir -p "$1/apt/lists/partial" "$1/apt/archives/partial" "$1/headers"
-    echo "deb [signed-by=$debian_keyring] $uri $headers_release main" >"$1/apt/sources.list"
-    # Read after the machine's own configuration, of which the proxy and credentials stay and the hooks go.
-    cat >"$1/apt/apt.conf" <<END
-Dir::State "$1/apt";
-Dir::Cache "$1/apt";
-Dir::Etc::SourceList "$1/apt/sources.list";
-Dir::Etc::SourceParts "/dev/null";
-Dir::Etc::Preferences "/dev/null";
-Dir::Etc::PreferencesParts "/dev/null";
-APT::Default-Release "$headers_release";
-APT::Sandbox::User "$(id -un)";
-APT::Update::Error-Mode "any";
-Acquire::Languages "none";
-Acquire::IndexTargets::deb::DEP-11::DefaultEnabled "false";
-#clear APT::Update::Pre-Invoke;
-#clear APT::Update::Post-Invoke;
-#clear APT::Update::Post-Invoke-Success;
-END
-    apt-get -q -c "$1/apt/apt.conf" update \
-        || fail "the signature or the lists of Debian $headers_release could not be had; an old debian-archive-keyring may lack its keys"
+    mkdir -p "$1/headers"
+    other_debian "$1" "$headers_release"
     (cd "$1/headers" && apt-get -q -c ../apt/apt.conf download libembree-dev && dpkg -x libembree-dev_*.deb .)
 }
 

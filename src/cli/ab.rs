@@ -84,7 +84,8 @@ pub(super) fn run(args: &AbArgs) -> Result<u8, CliError> {
     if let Some(threads) = args.threads {
         rayon::ThreadPoolBuilder::new().num_threads(threads as usize).build_global()?;
     }
-    let options = LoadOptions { defines: args.define.clone(), lenient: args.lenient };
+    let options =
+        LoadOptions { defines: args.define.clone(), lenient: args.lenient, ..LoadOptions::default() };
     let Loaded { mut scene, warnings, .. } = load(&args.scene, &options)?;
     for warning in &warnings {
         eprintln!("{warning}");

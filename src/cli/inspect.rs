@@ -69,7 +69,8 @@ const TABLE: [&str; 7] = ["path", "ptracer", "bdpt", "photonmapper", "sppm", "sp
 const PASSES: u32 = 32;
 
 pub(super) fn run(args: &InspectArgs) -> Result<u8, CliError> {
-    let options = LoadOptions { defines: args.define.clone(), lenient: args.lenient };
+    let options =
+        LoadOptions { defines: args.define.clone(), lenient: args.lenient, ..LoadOptions::default() };
     let mut loaded = load(&args.scene, &options)?;
     for warning in &loaded.warnings {
         eprintln!("{warning}");

@@ -7,7 +7,7 @@ mod inspect;
 mod integrator;
 mod merge;
 mod output;
-mod parse;
+pub(crate) mod parse;
 mod progress;
 mod render;
 

@@ -9,12 +9,12 @@ use crate::scene::PixelRect;
 
 /// A thing with parameters, as in `path:max_depth=4,rr_depth=8`.
 #[derive(Debug, Clone, PartialEq, Eq)]
-pub(super) struct Spec {
+pub(crate) struct Spec {
     pub name: String,
     pub parameters: Vec<(String, String)>,
 }
 
-pub(super) fn spec(text: &str) -> Result<Spec, String> {
+pub(crate) fn spec(text: &str) -> Result<Spec, String> {
     let (name, rest) = text.split_once(':').unwrap_or((text, ""));
     if name.is_empty() {
         return Err("expected a name, perhaps followed by `:key=value,...`".to_owned());

@@ -145,8 +145,9 @@ pub(super) fn run(args: &RenderArgs) -> Result<u8, CliError> {
         rayon::ThreadPoolBuilder::new().num_threads(threads as usize).build_global()?;
     }
     let start = Instant::now();
-    let options = LoadOptions { defines: args.define.clone(), lenient: args.lenient };
-    let Loaded { mut scene, warnings, files } = load(&args.scene, &options)?;
+    let options =
+        LoadOptions { defines: args.define.clone(), lenient: args.lenient, ..LoadOptions::default() };
+    let Loaded { mut scene, warnings, files, .. } = load(&args.scene, &options)?;
     if !args.quiet {
         for warning in &warnings {
             eprintln!("{warning}");

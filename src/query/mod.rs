@@ -16,6 +16,7 @@ pub mod hexfloat;
 pub mod obvhs;
 pub mod recorder;
 pub mod reference;
+mod stamp;
 pub mod triangle;
 
 pub(crate) use backend::with_query;
@@ -35,6 +36,17 @@ pub enum BuildQuality {
     Medium,
     /// Slow to build. Spatial splits in Embree, `slow_build` of `obvhs`.
     High,
+}
+
+/// What becomes of a hierarchy when shapes have changed.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
+pub enum Update {
+    /// It is built anew if any surface changed, the same as if it had been built so at first.
+    #[default]
+    Rebuild,
+    /// Meshes whose positions changed keep their part of the hierarchy, with other boxes: quicker the more there is besides them. Hits at equal distances,
+    /// as on an edge that two triangles share, may be others than after a rebuild. Any other change rebuilds.
+    Refit,
 }
 
 /// A segment of a line without its ends: points `o + t d` for `t_min < t < t_max`.

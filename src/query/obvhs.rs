@@ -4,6 +4,10 @@
 //! and traversal are ours, because its own traversal loses hits: boxes without slack for rounding, directions clamped
 //! at 1.2e-7, entries dropped from a full stack. See `vendor-notes/obvhs.md`.
 
+mod detached;
+
+pub use detached::DetachedObvhs;
+
 use std::collections::HashMap;
 use std::ops::{ControlFlow, Range};
 use std::sync::Arc;
@@ -139,6 +143,7 @@ pub struct ObvhsQuery<'s> {
     groups: Vec<Self>,
     /// For each shape the index in `groups`, where that is an instance; empty if none is.
     group_of: Vec<u32>,
+    quality: BuildQuality,
 }
 
 impl<'s> ObvhsQuery<'s> {
@@ -157,6 +162,7 @@ impl<'s> ObvhsQuery<'s> {
                 primitives: Vec::new(),
                 groups,
                 group_of,
+                quality,
             };
         }
         let tree = build_bvh2(&build_boxes(&boxes, bounds), parameters(quality), &mut Duration::default());
@@ -164,7 +170,7 @@ impl<'s> ObvhsQuery<'s> {
         let (root, _) = packer.copy(0, 0);
         let primitives = packer.order.iter().map(|&i| unordered[i as usize]).collect();
         packer.nodes.shrink_to_fit();
-        Self { shapes, bounds, root, nodes: packer.nodes, primitives, groups, group_of }
+        Self { shapes, bounds, root, nodes: packer.nodes, primitives, groups, group_of, quality }
     }
 
     /// Hands each leaf that the ray meets before `t_max` to `visit`, which may lower `t_max` or end the search.

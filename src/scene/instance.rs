@@ -8,7 +8,8 @@ use std::sync::Arc;
 use glam::{DAffine3, DVec3, Vec3};
 use thiserror::Error;
 
-use super::{Aabb, Geometry, Shape, TriangleMesh};
+use super::mesh::next_revision;
+use super::{Aabb, Geometry, MaterialId, Shape, TriangleMesh};
 
 /// Why a group or an instance was refused.
 #[derive(Debug, Error, PartialEq, Eq)]
@@ -47,6 +48,7 @@ pub struct Group {
     first_primitives: Vec<u32>,
     primitive_count: u32,
     bounds: Aabb,
+    revision: u64,
 }
 
 impl Group {
@@ -70,7 +72,12 @@ impl Group {
             primitive_count = count.filter(|&n| n < i32::MAX as u32).ok_or(InstanceError::TooLarge)?;
             bounds = bounds.union(shape.geometry.bounds());
         }
-        Ok(Self { shapes, first_primitives, primitive_count, bounds })
+        Ok(Self { shapes, first_primitives, primitive_count, bounds, revision: next_revision() })
+    }
+
+    /// A number that stands for the surfaces: no other group has it, and they never change.
+    pub fn revision(&self) -> u64 {
+        self.revision
     }
 
     /// The shapes, in the group's space.
@@ -99,6 +106,42 @@ impl Group {
     /// Bounds in the group's space.
     pub fn bounds(&self) -> Aabb {
         self.bounds
+    }
+}
+
+/// Gives all shapes, and those of all groups, other materials. A group that is also held elsewhere keeps its own.
+pub(super) fn map_materials(shapes: &mut [Shape], map: impl Fn(MaterialId) -> MaterialId) {
+    let nothing = Arc::new(Group {
+        shapes: Vec::new(),
+        first_primitives: Vec::new(),
+        primitive_count: 0,
+        bounds: Aabb::EMPTY,
+        revision: next_revision(),
+    });
+    // Instances let go of their groups, each of which is then held once, here, and can be written to.
+    let mut groups: Vec<(Arc<Group>, Vec<usize>)> = Vec::new();
+    let mut known = std::collections::HashMap::new();
+    for (index, shape) in shapes.iter_mut().enumerate() {
+        shape.material = map(shape.material);
+        let Geometry::Instance(instance) = &mut shape.geometry else { continue };
+        let group = std::mem::replace(&mut instance.group, Arc::clone(&nothing));
+        let slot = *known.entry(Arc::as_ptr(&group)).or_insert_with(|| {
+            groups.push((group, Vec::new()));
+            groups.len() - 1
+        });
+        groups[slot].1.push(index);
+    }
+    for (mut group, instances) in groups {
+        if let Some(group) = Arc::get_mut(&mut group) {
+            for part in &mut group.shapes {
+                part.material = map(part.material);
+            }
+        }
+        for index in instances {
+            if let Geometry::Instance(instance) = &mut shapes[index].geometry {
+                instance.group = Arc::clone(&group);
+            }
+        }
     }
 }
 

@@ -133,6 +133,17 @@ pub enum Material {
 }
 
 impl Material {
+    /// The materials that this one is made of.
+    pub(super) fn parts_mut(&mut self) -> [Option<&mut MaterialId>; 2] {
+        match self {
+            Self::TwoSided { front: a, back: b } | Self::Blend { first: a, second: b, .. } => {
+                [Some(a), Some(b)]
+            }
+            Self::Mask { material, .. } | Self::Perturbed { material, .. } => [Some(material), None],
+            _ => [None, None],
+        }
+    }
+
     /// Whether light passes to the other side, given the materials that it may be made of.
     pub fn transmits(&self, materials: &[Self]) -> bool {
         let nested = |id: MaterialId| {

@@ -1,5 +1,7 @@
 //! Triangle meshes, laid out so that Embree can share the buffers.
 
+use std::sync::atomic::{AtomicU64, Ordering};
+
 use glam::{DMat3, Vec2, Vec3};
 use thiserror::Error;
 
@@ -89,6 +91,16 @@ pub struct TriangleMesh {
     uvs: Vec<Vec2>,
     attributes: Vec<MeshAttribute>,
     flip_normals: bool,
+    /// Of the positions; see [`revision`](Self::revision).
+    revision: u64,
+    /// Of the triangles; see [`topology`](Self::topology).
+    topology: u64,
+}
+
+/// A number that was not given out before.
+pub(super) fn next_revision() -> u64 {
+    static LAST: AtomicU64 = AtomicU64::new(0);
+    LAST.fetch_add(1, Ordering::Relaxed) + 1
 }
 
 impl TriangleMesh {
@@ -142,7 +154,44 @@ impl TriangleMesh {
             uvs,
             attributes: Vec::new(),
             flip_normals,
+            revision: next_revision(),
+            topology: next_revision(),
         })
+    }
+
+    /// Without vertices and triangles.
+    pub(super) fn empty() -> Self {
+        Self {
+            padded_positions: vec![Vec3::ZERO],
+            triangles: Vec::new(),
+            normals: Vec::new(),
+            uvs: Vec::new(),
+            attributes: Vec::new(),
+            flip_normals: false,
+            revision: 0,
+            topology: 0,
+        }
+    }
+
+    /// This mesh in the place of `old`. If both have the same triangles, the buffer of the old one is kept, and with it its
+    /// [`topology`](Self::topology): a hierarchy over the old mesh can be refitted to this one.
+    #[must_use]
+    pub fn in_place_of(mut self, old: Self) -> Self {
+        if self.triangles == old.triangles && self.positions().len() == old.positions().len() {
+            self.triangles = old.triangles;
+            self.topology = old.topology;
+        }
+        self
+    }
+
+    /// A number that stands for the positions: meshes that share it have the same, because a mesh never changes but for being replaced.
+    pub fn revision(&self) -> u64 {
+        self.revision
+    }
+
+    /// A number that stands for the triangles and the number of vertices, in the same way.
+    pub fn topology(&self) -> u64 {
+        self.topology
     }
 
     /// The mesh with further attributes.

@@ -22,6 +22,7 @@ pub use analytic::{AnalyticKind, AnalyticShape};
 pub use camera::{Camera, FovAxis, Lens};
 pub use emitter::{Emitter, EnvironmentMap, Spot};
 pub use image::{Image, Texels};
+use instance::map_materials;
 pub use instance::{Group, Instance, InstanceError};
 pub use material::{Material, MaterialId, Microfacet, Perturbation, Principled};
 pub use mesh::{MeshAttribute, MeshError, TriangleMesh};

@@ -180,6 +180,7 @@ mod tests {
 
     #[test]
     fn what_a_scene_allocates_is_freed_with_it() {
+        use crate::query::Update;
         use crate::query::embree::{EmbreeSettings, Scene, commit, geometry};
         use crate::scene::{AnalyticShape, Geometry, TriangleMesh};
         use glam::{DVec3, Vec3};
@@ -194,10 +195,10 @@ mod tests {
         let scene = Scene(unsafe { ffi::rtcNewScene(device.handle()) });
         // SAFETY: the geometries are dropped after the scene.
         unsafe {
-            geometry::attach(&device, &scene, 0, &mesh).unwrap();
-            geometry::attach(&device, &scene, 1, &sphere).unwrap();
+            geometry::attach(&device, &scene, 0, &mesh, Update::Rebuild).unwrap();
+            geometry::attach(&device, &scene, 1, &sphere, Update::Rebuild).unwrap();
         }
-        commit(&device, &scene, EmbreeSettings::default()).unwrap();
+        commit(&device, &scene, EmbreeSettings::default(), Update::Rebuild).unwrap();
         assert!(device.memory() > before + 1000 * 16);
         drop(scene);
         assert_eq!(device.memory(), before);

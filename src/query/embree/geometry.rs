@@ -7,7 +7,7 @@ use glam::Vec3;
 
 use super::device::Device;
 use super::{EmbreeError, Scene, ffi};
-use crate::query::{Ray, analytic};
+use crate::query::{Ray, Update, analytic};
 use crate::scene::{AnalyticShape, Geometry, TriangleMesh};
 
 /// Adds a shape to the scene as geometry `id`, unless it is an instance. Embree gets pointers into `geometry`.
@@ -19,6 +19,7 @@ pub(super) unsafe fn attach(
     scene: &Scene,
     id: u32,
     geometry: &Geometry,
+    update: Update,
 ) -> Result<(), EmbreeError> {
     let kind = match geometry {
         // Embree has no geometry without primitives.
@@ -33,7 +34,12 @@ pub(super) unsafe fn attach(
         let handle = ffi::rtcNewGeometry(device.handle(), kind);
         device.check("rtcNewGeometry")?;
         match geometry {
-            Geometry::Mesh(mesh) => set_triangles(handle, mesh),
+            Geometry::Mesh(mesh) => {
+                set_triangles(handle, mesh);
+                if update == Update::Refit {
+                    ffi::rtcSetGeometryBuildQuality(handle, ffi::RTC_BUILD_QUALITY_REFIT);
+                }
+            }
             Geometry::Analytic(shape) => set_analytic(handle, shape),
             Geometry::Instance(_) => {}
         }
@@ -49,8 +55,29 @@ pub(super) unsafe fn attach(
 /// # Safety
 /// `handle` is a live triangle geometry; `mesh` outlives it, in place and unchanged.
 unsafe fn set_triangles(handle: ffi::RTCGeometry, mesh: &TriangleMesh) {
+    // SAFETY: this function's own contract; the buffer of triangles has the item count and stride named.
+    unsafe {
+        set_positions(handle, mesh);
+        ffi::rtcSetSharedGeometryBuffer(
+            handle,
+            ffi::RTC_BUFFER_TYPE_INDEX,
+            0,
+            ffi::RTC_FORMAT_UINT3,
+            mesh.triangles().as_ptr().cast(),
+            0,
+            size_of::<[u32; 3]>(),
+            mesh.triangles().len(),
+        );
+    }
+}
+
+/// Shares the mesh's positions.
+///
+/// # Safety
+/// As of [`set_triangles`].
+pub(super) unsafe fn set_positions(handle: ffi::RTCGeometry, mesh: &TriangleMesh) {
     let vertices = mesh.padded_positions();
-    // SAFETY: both buffers have the item counts and strides named. Embree reads 16 bytes per vertex; the padding vertex,
+    // SAFETY: the buffer has the item count and stride named. Embree reads 16 bytes per vertex; the padding vertex,
     // which is not counted, holds those behind the last.
     unsafe {
         ffi::rtcSetSharedGeometryBuffer(
@@ -62,16 +89,6 @@ unsafe fn set_triangles(handle: ffi::RTCGeometry, mesh: &TriangleMesh) {
             0,
             size_of::<Vec3>(),
             vertices.len() - 1,
-        );
-        ffi::rtcSetSharedGeometryBuffer(
-            handle,
-            ffi::RTC_BUFFER_TYPE_INDEX,
-            0,
-            ffi::RTC_FORMAT_UINT3,
-            mesh.triangles().as_ptr().cast(),
-            0,
-            size_of::<[u32; 3]>(),
-            mesh.triangles().len(),
         );
     }
 }

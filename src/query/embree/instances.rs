@@ -11,11 +11,13 @@ use std::sync::Arc;
 
 use super::device::Device;
 use super::{EmbreeError, EmbreeSettings, Scene, add_shapes, commit, ffi};
+use crate::query::Update;
 use crate::scene::{Aabb, Geometry, Group, Instance, Shape};
 
 /// An instance as the callbacks meet it.
-struct Placed<'s> {
-    instance: &'s Instance,
+struct Placed {
+    /// Borrowed by the query, or nothing that is looked at.
+    instance: *const Instance,
     /// Of the group; belongs to [`Instances`].
     scene: ffi::RTCScene,
     /// Index of the instance among the shapes.
@@ -23,17 +25,17 @@ struct Placed<'s> {
 }
 
 /// What instances need besides the scene that they are attached to, which must be dropped first.
-pub(super) struct Instances<'s> {
+pub(super) struct Instances {
     /// One per group.
     scenes: Vec<Scene>,
-    placed: Box<[Placed<'s>]>,
+    placed: Box<[Placed]>,
 }
 
-impl<'s> Instances<'s> {
+impl Instances {
     /// Builds the hierarchies of all groups that have instances among the shapes.
     pub(super) fn new(
         device: &Device,
-        shapes: &'s [Shape],
+        shapes: &[Shape],
         settings: EmbreeSettings,
     ) -> Result<Self, EmbreeError> {
         let mut scenes = Vec::new();
@@ -52,8 +54,8 @@ impl<'s> Instances<'s> {
                 let scene = Scene(unsafe { ffi::rtcNewScene(device.handle()) });
                 device.check("rtcNewScene")?;
                 // SAFETY: the shapes are borrowed for longer than the scene is kept.
-                unsafe { add_shapes(device, &scene, instance.group().shapes())? };
-                commit(device, &scene, settings)?;
+                unsafe { add_shapes(device, &scene, instance.group().shapes(), Update::Rebuild)? };
+                commit(device, &scene, settings, Update::Rebuild)?;
                 let handle = scene.0;
                 known.insert(key, handle);
                 scenes.push(scene);
@@ -62,6 +64,16 @@ impl<'s> Instances<'s> {
             placed.push(Placed { instance, scene, shape: index });
         }
         Ok(Self { scenes, placed: placed.into() })
+    }
+
+    /// Has the callbacks look at these shapes, which must be those of [`new`](Self::new).
+    pub(super) fn look_at(&mut self, shapes: &[Shape]) {
+        for placed in &mut self.placed {
+            if let Some(Geometry::Instance(instance)) = shapes.get(placed.shape as usize).map(|s| &s.geometry)
+            {
+                placed.instance = instance;
+            }
+        }
     }
 
     /// Bytes held besides what Embree holds.
@@ -111,7 +123,8 @@ unsafe extern "C" fn bounds(args: *const ffi::RTCBoundsFunctionArguments) {
         let args = &*args;
         (&*args.geometryUserPtr.cast::<Placed>().add(args.primID as usize), &mut *args.bounds_o)
     };
-    let Aabb { min, max } = placed.instance.bounds();
+    // SAFETY: the shapes outlive the scene that is being built.
+    let Aabb { min, max } = unsafe { &*placed.instance }.bounds();
     *out = ffi::RTCBounds {
         lower_x: min.x,
         lower_y: min.y,
@@ -125,13 +138,13 @@ unsafe extern "C" fn bounds(args: *const ffi::RTCBoundsFunctionArguments) {
 
 unsafe extern "C" fn intersect(args: *const ffi::RTCIntersectFunctionNArguments) {
     // SAFETY: Embree passes valid arguments. N is 1 because only `rtcIntersect1` is called: `valid` has one entry, and `RTCRayHitN` is an
-    // `RTCRayHit`. The user data is that of `attach`, its scenes are committed. No reference is held while Embree goes on with the ray.
+    // `RTCRayHit`. The user data is that of `attach`, its scenes are committed, its shapes are borrowed by the query. No reference is held while Embree goes on with the ray.
     unsafe {
         if (*args).N != 1 || *(*args).valid == 0 {
             return;
         }
         let placed = &*(*args).geometryUserPtr.cast::<Placed>().add((*args).primID as usize);
-        let mut ray = ray_to_group(placed.instance, &(*(*args).rayhit.cast::<ffi::RTCRayHit>()).ray);
+        let mut ray = ray_to_group(&*placed.instance, &(*(*args).rayhit.cast::<ffi::RTCRayHit>()).ray);
         ffi::rtcForwardIntersect1(args, placed.scene, &raw mut ray, placed.shape);
     }
 }
@@ -143,7 +156,7 @@ unsafe extern "C" fn occluded(args: *const ffi::RTCOccludedFunctionNArguments) {
             return;
         }
         let placed = &*(*args).geometryUserPtr.cast::<Placed>().add((*args).primID as usize);
-        let mut ray = ray_to_group(placed.instance, &*(*args).ray.cast::<ffi::RTCRay>());
+        let mut ray = ray_to_group(&*placed.instance, &*(*args).ray.cast::<ffi::RTCRay>());
         ffi::rtcForwardOccluded1(args, placed.scene, &raw mut ray, placed.shape);
     }
 }

@@ -4,6 +4,7 @@
 //! bindings are generated from the installed header; what is known about the library is in `vendor-notes/embree.md`.
 #![allow(unsafe_code)]
 
+mod detached;
 mod device;
 mod ffi;
 mod geometry;
@@ -14,8 +15,9 @@ use std::ptr;
 use glam::Vec3;
 use thiserror::Error;
 
-use super::{BuildQuality, Hit, Ray, RayQuery};
+use super::{BuildQuality, Hit, Ray, RayQuery, Update};
 use crate::scene::{Aabb, Geometry, Shape, TriangleMesh};
+pub use detached::DetachedEmbree;
 use device::Device;
 use instances::Instances;
 
@@ -92,10 +94,12 @@ impl Drop for Scene {
 pub struct EmbreeQuery<'s> {
     // Dropped in this order: the scene before what it points to and before its device.
     scene: Scene,
-    instances: Instances<'s>,
+    instances: Instances,
     device: Device,
     shapes: &'s [Shape],
     bounds: Aabb,
+    settings: EmbreeSettings,
+    update: Update,
 }
 
 // SAFETY: Embree's handles belong to no thread. After the commit in `new` the scene is only read, by queries, which
@@ -110,6 +114,19 @@ impl<'s> EmbreeQuery<'s> {
     /// # Errors
     /// If the library does not suit, a shape is out of range, or Embree fails, for instance for want of memory.
     pub fn new(shapes: &'s [Shape], settings: EmbreeSettings) -> Result<Self, EmbreeError> {
+        Self::with_update(shapes, settings, Update::Rebuild)
+    }
+
+    /// [`new`](Self::new), for shapes that will change. For [`Update::Refit`] each mesh has a hierarchy of its own below that of all, which is slower to
+    /// trace.
+    ///
+    /// # Errors
+    /// As of [`new`](Self::new).
+    pub fn with_update(
+        shapes: &'s [Shape],
+        settings: EmbreeSettings,
+        update: Update,
+    ) -> Result<Self, EmbreeError> {
         let device = Device::new(rayon::current_num_threads())?;
         // Before the scene, so that it is dropped after it if something fails.
         let instances = Instances::new(&device, shapes, settings)?;
@@ -119,12 +136,12 @@ impl<'s> EmbreeQuery<'s> {
         // SAFETY: the shapes are borrowed for 's, which `EmbreeQuery` and with it the scene cannot outlive; the scene is dropped before
         // `instances`.
         unsafe {
-            add_shapes(&device, &scene, shapes)?;
+            add_shapes(&device, &scene, shapes, update)?;
             instances.attach(&device, &scene, shapes.len() as u32)?;
         }
-        commit(&device, &scene, settings)?;
+        commit(&device, &scene, settings, update)?;
         let bounds = shapes.iter().fold(Aabb::EMPTY, |bounds, shape| bounds.union(shape.geometry.bounds()));
-        Ok(Self { scene, instances, device, shapes, bounds })
+        Ok(Self { scene, instances, device, shapes, bounds, settings, update })
     }
 
     /// Index of the shape and the primitive of a hit on an instance.
@@ -144,11 +161,16 @@ impl<'s> EmbreeQuery<'s> {
 ///
 /// # Safety
 /// `shapes` must outlive `scene`, in place and unchanged.
-unsafe fn add_shapes(device: &Device, scene: &Scene, shapes: &[Shape]) -> Result<(), EmbreeError> {
+unsafe fn add_shapes(
+    device: &Device,
+    scene: &Scene,
+    shapes: &[Shape],
+    update: Update,
+) -> Result<(), EmbreeError> {
     for (shape, id) in shapes.iter().zip(0..) {
         check_range(shape)?;
         // SAFETY: this function's own contract.
-        unsafe { geometry::attach(device, scene, id, &shape.geometry)? };
+        unsafe { geometry::attach(device, scene, id, &shape.geometry, update)? };
     }
     Ok(())
 }
@@ -166,8 +188,15 @@ fn check_range(shape: &Shape) -> Result<(), EmbreeError> {
 }
 
 /// Builds the hierarchy.
-fn commit(device: &Device, scene: &Scene, settings: EmbreeSettings) -> Result<(), EmbreeError> {
+fn commit(
+    device: &Device,
+    scene: &Scene,
+    settings: EmbreeSettings,
+    update: Update,
+) -> Result<(), EmbreeError> {
     let quality = match settings.quality {
+        // What Embree calls low is a hierarchy of hierarchies, each with a quality of its own.
+        _ if update == Update::Refit => ffi::RTC_BUILD_QUALITY_LOW,
         BuildQuality::Low => ffi::RTC_BUILD_QUALITY_LOW,
         BuildQuality::Medium => ffi::RTC_BUILD_QUALITY_MEDIUM,
         BuildQuality::High => ffi::RTC_BUILD_QUALITY_HIGH,

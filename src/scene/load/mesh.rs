@@ -6,16 +6,19 @@ use super::{polygon, smooth};
 use crate::scene::mesh::normal_matrix;
 use crate::scene::{MeshAttribute, MeshError, TriangleMesh};
 
-/// Vertices and triangles as a file lists them. Nothing is checked yet; [`place`](Self::place) does.
-#[derive(Debug, Default)]
-pub(super) struct RawMesh {
-    pub(super) positions: Vec<Vec3>,
+/// Vertices and triangles as a file lists them, or as a program hands them over. Nothing is checked yet; placing it in the world does.
+#[derive(Debug, Clone, Default, PartialEq)]
+pub struct RawMesh {
+    /// In the mesh's own space.
+    pub positions: Vec<Vec3>,
     /// One per vertex, of any length, or none at all.
-    pub(super) normals: Vec<Vec3>,
-    /// One per vertex or none at all.
-    pub(super) uvs: Vec<Vec2>,
-    pub(super) triangles: Vec<[u32; 3]>,
-    pub(super) attributes: Vec<MeshAttribute>,
+    pub normals: Vec<Vec3>,
+    /// Texture coordinates, one per vertex or none at all.
+    pub uvs: Vec<Vec2>,
+    /// Vertex indices.
+    pub triangles: Vec<[u32; 3]>,
+    /// Further numbers on vertices or triangles.
+    pub attributes: Vec<MeshAttribute>,
 }
 
 /// What becomes of normals that are missing from the file.

@@ -6,6 +6,7 @@
 //!
 //! Loaders do not judge what the renderer makes of a scene: integrators stay text, and nothing is derived.
 
+mod edit;
 mod error;
 pub(crate) mod exr;
 mod image;
@@ -18,10 +19,13 @@ mod polygon;
 mod serialized;
 mod smooth;
 
+pub use edit::{EditError, Origins};
 pub use error::{LoadError, Location, Position, Severity, Warning};
+pub use mesh::RawMesh;
 
 use std::fs;
 use std::path::{Path, PathBuf};
+use std::sync::Arc;
 
 use glam::{DAffine3, DMat3, DVec2, DVec3, UVec2, Vec3};
 
@@ -31,12 +35,14 @@ use super::{
 };
 
 /// How to load.
-#[derive(Debug, Clone, Default, PartialEq, Eq)]
+#[derive(Debug, Clone, Default, PartialEq)]
 pub struct LoadOptions {
     /// Values of `$name` parameters in Mitsuba XML; they override the file's `<default>`s.
     pub defines: Vec<(String, String)>,
     /// Replace what is not supported and warn, instead of refusing the scene.
     pub lenient: bool,
+    /// Meshes that are in memory already: where a Mitsuba scene names one of these as the file of a shape, no file is read.
+    pub meshes: Vec<(String, Arc<RawMesh>)>,
 }
 
 /// A scene and what there is to say about its loading.
@@ -48,6 +54,8 @@ pub struct Loaded {
     pub warnings: Vec<Warning>,
     /// Every file that was read, the scene file first, without repetition.
     pub files: Vec<PathBuf>,
+    /// What edits need to know.
+    pub origins: Origins,
 }
 
 /// Loads a scene file, or a mesh as a scene.
@@ -58,10 +66,10 @@ pub struct Loaded {
 pub fn load(path: &Path, options: &LoadOptions) -> Result<Loaded, LoadError> {
     let mut log = Log { lenient: options.lenient, ..Log::default() };
     let extension = path.extension().unwrap_or_default().to_string_lossy().to_lowercase();
-    let scene = match extension.as_str() {
-        "xml" => mitsuba::load(path, &options.defines, &mut log)?,
-        "obj" => obj::load_scene(path, &mut log)?,
-        "ply" => ply::load_scene(path, &mut log)?,
+    let (scene, origins) = match extension.as_str() {
+        "xml" => mitsuba::load(mitsuba::Text::File(path), options, &mut log)?,
+        "obj" => (obj::load_scene(path, &mut log)?, Origins::default()),
+        "ply" => (ply::load_scene(path, &mut log)?, Origins::of_bare_mesh()),
         _ => {
             let found = if extension.is_empty() {
                 "a file without an extension".to_owned()
@@ -72,7 +80,17 @@ pub fn load(path: &Path, options: &LoadOptions) -> Result<Loaded, LoadError> {
             return Err(LoadError::new(Location::file(path), found, expected));
         }
     };
-    Ok(Loaded { scene, warnings: log.warnings, files: log.files })
+    Ok(Loaded { scene, warnings: log.warnings, files: log.files, origins })
+}
+
+/// Loads a Mitsuba scene from a text; files that it names are looked for in `directory`.
+///
+/// # Errors
+/// As of [`load`].
+pub fn load_text(text: &str, directory: &Path, options: &LoadOptions) -> Result<Loaded, LoadError> {
+    let mut log = Log { lenient: options.lenient, ..Log::default() };
+    let (scene, origins) = mitsuba::load(mitsuba::Text::Memory(text, directory), options, &mut log)?;
+    Ok(Loaded { scene, warnings: log.warnings, files: log.files, origins })
 }
 
 /// Loads an image file (PNG, JPEG, OpenEXR, Radiance HDR, TGA or BMP) without its alpha channel, as textures are loaded.

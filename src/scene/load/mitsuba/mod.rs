@@ -26,14 +26,18 @@ mod xml;
 
 pub use properties::{Default, Description, Kind, Parameter};
 pub use xml::Category;
+pub(super) use xml::Text;
 
-use std::collections::HashMap;
-use std::path::Path;
+use std::collections::{HashMap, HashSet};
 
 use rayon::prelude::*;
 
 use super::image::Images;
-use super::{DEFAULT_SAMPLE_COUNT, LoadError, Location, Log, bounds_of, default_film, framing_camera, push};
+use super::mesh::Placement;
+use super::{
+    DEFAULT_SAMPLE_COUNT, LoadError, LoadOptions, Location, Log, Origins, bounds_of, default_film,
+    framing_camera, push,
+};
 use crate::scene::{
     Camera, Emitter, FilmSettings, Filter, Geometry, Input, IntegratorSettings, Material, MaterialId, Rgb,
     Scene, Shape, Texture, TextureId,
@@ -62,44 +66,134 @@ pub fn supported() -> Vec<(Category, Description)> {
         .collect()
 }
 
-/// Loads a scene file. `defines` are values of `$name` parameters.
-pub(super) fn load(path: &Path, defines: &[(String, String)], log: &mut Log) -> Result<Scene, LoadError> {
-    let mut document = Document::read(path, defines, log)?;
-    spectrum_plugins::fold(&mut document, log)?;
-    let mut images = Images::default();
-    images.prefetch(textures::files(&document), log);
-    let mut builder = Builder {
-        document: &document,
-        log,
-        images,
-        textures: Vec::new(),
-        texture_ids: HashMap::new(),
-        materials: Vec::new(),
-        parts: Vec::new(),
-        material_ids: HashMap::new(),
-        default_materials: Vec::new(),
-        attributes: Vec::new(),
-        material_attributes: HashMap::new(),
-        depth: 0,
-        shapes: Vec::new(),
-        groups: Vec::new(),
-        instances: Vec::new(),
-        emitters: Vec::new(),
-        sensor: None,
-        integrator: None,
+/// Loads a scene.
+pub(super) fn load(text: Text, options: &LoadOptions, log: &mut Log) -> Result<(Scene, Origins), LoadError> {
+    let document = read(&text, options, log)?;
+    let built = Builder::new(&document, Vec::new(), Vec::new(), log).build()?;
+    let origins = Origins { materials: built.names, placements: built.placements };
+    let sensor = built.sensor.unwrap_or_else(|| {
+        let note = "the scene has no sensor: using a camera that frames its shapes";
+        log.note(Location::file(&text.path()), note);
+        let camera = framing_camera(bounds_of(&built.shapes));
+        Sensor { camera, film: default_film(), sample_count: DEFAULT_SAMPLE_COUNT }
+    });
+    let scene = Scene {
+        shapes: built.shapes,
+        materials: built.materials,
+        textures: built.textures,
+        emitters: built.emitters,
+        camera: sensor.camera,
+        film: sensor.film,
+        integrator: built.integrator.unwrap_or_default(),
+        sample_count: sensor.sample_count,
     };
-    for child in &document.roots {
-        builder.root(child.object, child.at)?;
+    Ok((scene, origins))
+}
+
+/// Changes a scene; see [`Origins::edit`].
+pub(super) fn edit(
+    text: &Text,
+    options: &LoadOptions,
+    scene: &mut Scene,
+    origins: &mut Origins,
+    log: &mut Log,
+) -> Result<(), LoadError> {
+    let document = read(text, options, log)?;
+    let bsdf = |child: &&xml::Child| document.object(child.object).category == Category::Bsdf;
+    let unnamed = |child: &&xml::Child| document.object(child.object).id.is_none();
+    if let Some(child) = document.roots.iter().filter(bsdf).find(unnamed) {
+        return Err(document.error(child.at, "a BSDF without an id", "the id of the one that it replaces"));
     }
-    builder.finish(path)
+    let (materials, textures) = (scene.materials.clone(), scene.textures.clone());
+    let built = Builder::new(&document, materials, textures, log).build()?;
+    let start = document.roots.first().map_or(Span::default(), |child| child.at);
+    let is_environment = |e: &Emitter| matches!(e, Emitter::Constant { .. } | Emitter::Map(_));
+    if built.emitters.iter().any(is_environment) && scene.emitters.iter().any(is_environment) {
+        return Err(document.error(start, "a second environment", "at most one `constant` or `envmap`"));
+    }
+    let there: HashSet<&str> = scene.shapes.iter().map(|s| s.name.as_str()).collect();
+    if let Some(shape) = built.shapes.iter().find(|shape| there.contains(shape.name.as_str())) {
+        let found = format!("a second shape `{}`", shape.name);
+        return Err(document.error(start, found, "an id that the scene does not have"));
+    }
+    let mut replaced = HashMap::new();
+    for (name, new) in &built.names {
+        let Some(old) = origins.materials.get(name) else { continue };
+        if built.asks_for_attributes.contains(new) {
+            let found = format!("attributes of meshes in BSDF `{name}`, which replaces another");
+            return Err(document.error(start, found, "them in a scene that is loaded"));
+        }
+        replaced.insert(*old, *new);
+    }
+    // What can fail, on a copy.
+    let mut names = origins.materials.clone();
+    for (name, new) in built.names {
+        names.entry(name).or_insert(new);
+    }
+    let old_materials = std::mem::replace(&mut scene.materials, built.materials);
+    let old_names = std::mem::replace(&mut origins.materials, names);
+    let shape_count = scene.shapes.len();
+    scene.shapes.extend(built.shapes);
+    if !replaced.is_empty() && origins.replace_materials(scene, &replaced).is_none() {
+        scene.shapes.truncate(shape_count);
+        scene.materials = old_materials;
+        origins.materials = old_names;
+        let expected = format!("at most {MAX_BSDF_PARTS}, {MAX_BSDF_DEPTH} levels deep");
+        return Err(document.error(start, "a BSDF of too many others", expected));
+    }
+    scene.textures = built.textures;
+    scene.emitters.extend(built.emitters);
+    origins.placements.resize(shape_count, None);
+    origins.placements.extend(built.placements);
+    if let Some(Sensor { camera, film, sample_count }) = built.sensor {
+        (scene.camera, scene.film, scene.sample_count) = (camera, film, sample_count);
+    }
+    if let Some(integrator) = built.integrator {
+        scene.integrator = integrator;
+    }
+    Ok(())
+}
+
+/// The text as a tree of objects.
+fn read(text: &Text, options: &LoadOptions, log: &mut Log) -> Result<Document, LoadError> {
+    let mut document = Document::read(text, &options.defines, log)?;
+    document.meshes.clone_from(&options.meshes);
+    spectrum_plugins::fold(&mut document, log)?;
+    Ok(document)
 }
 
 /// BSDFs nested in or referring to each other; building recurses.
-const MAX_BSDF_DEPTH: usize = 50;
+pub(super) const MAX_BSDF_DEPTH: usize = 50;
 
 /// Materials that one is made of. BSDFs that refer to others can multiply: each of 50 that blends the one before with itself
 /// would take for ever to evaluate.
-const MAX_BSDF_PARTS: u32 = 64;
+pub(super) const MAX_BSDF_PARTS: u32 = 64;
+
+/// Of how many others a material is made, from what is known of those.
+pub(super) fn count_parts(material: &Material, known: &[u32]) -> u32 {
+    let of = |id: MaterialId| known[id.0 as usize];
+    match *material {
+        Material::Blend { first, second, .. } => of(first) + of(second),
+        Material::TwoSided { front, back } => of(front).max(of(back)),
+        Material::Mask { material, .. } | Material::Perturbed { material, .. } => of(material) + 1,
+        _ => 1,
+    }
+}
+
+/// What a document holds.
+struct Built {
+    shapes: Vec<Shape>,
+    /// Of each shape, if its mesh came from a file.
+    placements: Vec<Option<Placement>>,
+    materials: Vec<Material>,
+    textures: Vec<Texture>,
+    emitters: Vec<Emitter>,
+    sensor: Option<Sensor>,
+    integrator: Option<IntegratorSettings>,
+    /// Materials by the id of their BSDF.
+    names: HashMap<String, MaterialId>,
+    asks_for_attributes: HashSet<MaterialId>,
+}
 
 /// A shape whose geometry may yet have to be loaded.
 struct PlannedShape {
@@ -149,6 +243,38 @@ struct Builder<'a> {
 }
 
 impl<'a> Builder<'a> {
+    /// For a document whose materials and textures come after those there are.
+    fn new(
+        document: &'a Document,
+        materials: Vec<Material>,
+        textures: Vec<Texture>,
+        log: &'a mut Log,
+    ) -> Self {
+        let mut images = Images::default();
+        images.prefetch(textures::files(document), log);
+        Self {
+            document,
+            log,
+            images,
+            textures,
+            texture_ids: HashMap::new(),
+            // Nothing in the document can refer to those there are, whose parts therefore need not be counted.
+            parts: vec![1; materials.len()],
+            materials,
+            material_ids: HashMap::new(),
+            default_materials: Vec::new(),
+            attributes: Vec::new(),
+            material_attributes: HashMap::new(),
+            depth: 0,
+            shapes: Vec::new(),
+            groups: Vec::new(),
+            instances: Vec::new(),
+            emitters: Vec::new(),
+            sensor: None,
+            integrator: None,
+        }
+    }
+
     fn error<T>(
         &self,
         at: Span,
@@ -232,13 +358,7 @@ impl<'a> Builder<'a> {
 
     /// Adds a material that comes after those it is made of.
     fn push_material(&mut self, material: Material, at: Span) -> Result<MaterialId, LoadError> {
-        let of = |id: MaterialId| self.parts[id.0 as usize];
-        let parts = match material {
-            Material::Blend { first, second, .. } => of(first) + of(second),
-            Material::TwoSided { front, back } => of(front).max(of(back)),
-            Material::Mask { material, .. } | Material::Perturbed { material, .. } => of(material) + 1,
-            _ => 1,
-        };
+        let parts = count_parts(&material, &self.parts);
         if parts > MAX_BSDF_PARTS {
             return self.error(at, "a BSDF of too many others", format!("at most {MAX_BSDF_PARTS}"));
         }
@@ -424,29 +544,34 @@ impl<'a> Builder<'a> {
         Ok(())
     }
 
-    /// Loads the meshes and puts the scene together.
-    fn finish(self, path: &Path) -> Result<Scene, LoadError> {
+    /// Builds everything, and loads the meshes.
+    fn build(mut self) -> Result<Built, LoadError> {
+        let document = self.document;
+        for child in &document.roots {
+            self.root(child.object, child.at)?;
+        }
         let log = self.log;
+        let mut placements: Vec<_> = self.shapes.iter().map(|shape| shape.surface.placement()).collect();
         let mut shapes = load_all(self.shapes, self.document, log)?;
         let mut groups = Vec::with_capacity(self.groups.len());
         for (id, group) in self.groups {
             groups.push((id, load_all(group, self.document, log)?));
         }
         instances::place(self.document, self.instances, groups, &mut shapes)?;
-        let sensor = self.sensor.unwrap_or_else(|| {
-            log.note(Location::file(path), "the scene has no sensor: using a camera that frames its shapes");
-            let camera = framing_camera(bounds_of(&shapes));
-            Sensor { camera, film: default_film(), sample_count: DEFAULT_SAMPLE_COUNT }
-        });
-        Ok(Scene {
+        placements.resize(shapes.len(), None);
+        let name = |(id, material): (&ObjectId, &Option<MaterialId>)| {
+            Some((document.object(*id).id.clone()?, (*material)?))
+        };
+        Ok(Built {
             shapes,
+            placements,
+            names: self.material_ids.iter().filter_map(name).collect(),
+            asks_for_attributes: self.material_attributes.into_keys().collect(),
             materials: self.materials,
             textures: self.textures,
             emitters: self.emitters,
-            camera: sensor.camera,
-            film: sensor.film,
-            integrator: self.integrator.unwrap_or_default(),
-            sample_count: sensor.sample_count,
+            sensor: self.sensor,
+            integrator: self.integrator,
         })
     }
 }

@@ -1,6 +1,7 @@
 //! The `shape` plugins.
 
 use std::path::PathBuf;
+use std::sync::Arc;
 
 use glam::{DAffine3, DVec3, Vec2, Vec3};
 
@@ -9,7 +10,7 @@ use super::super::{LoadError, Location, Log, obj, ply, serialized};
 use super::properties::{Kind, Parameter, Plugin, Properties};
 use super::values::tangent_frame;
 use super::xml::Category;
-use crate::scene::{AnalyticKind, AnalyticShape, Geometry, TriangleMesh};
+use crate::scene::{AnalyticKind, AnalyticShape, Geometry, MeshError, TriangleMesh};
 
 pub(super) type Build = fn(&Properties) -> Result<Surface, LoadError>;
 
@@ -26,6 +27,8 @@ pub(super) struct MeshFile {
     placement: Placement,
     /// Where the scene names the file.
     from: Location,
+    /// What stands for the file, if it is not to be read.
+    memory: Option<Arc<RawMesh>>,
 }
 
 #[derive(Clone, Copy)]
@@ -38,9 +41,23 @@ enum Format {
     },
 }
 
+impl Surface {
+    /// How the mesh of a file is placed.
+    pub(super) fn placement(&self) -> Option<Placement> {
+        match self {
+            Self::Ready(_) => None,
+            Self::File(file) => Some(file.placement),
+        }
+    }
+}
+
 impl MeshFile {
     pub(super) fn load(&self, log: &mut Log) -> Result<Geometry, LoadError> {
-        let Self { path, format, placement, from } = self;
+        let Self { path, format, placement, from, memory } = self;
+        if let Some(mesh) = memory {
+            let refuse = |e: MeshError| LoadError::new(from.clone(), e.to_string(), "a valid mesh");
+            return RawMesh::clone(mesh).place(placement).map(Geometry::Mesh).map_err(refuse);
+        }
         match *format {
             Format::Obj => obj::load_mesh(path, from, placement, log),
             Format::Ply => ply::load_mesh(path, from, placement, log),
@@ -135,7 +152,9 @@ const MESH_FILE: &[Parameter] = &[
 ];
 
 fn mesh_file(p: &Properties, format: Format) -> Result<Surface, LoadError> {
-    let path = p.document.resolve_path(p.string("filename")?, p.object.at);
+    let name = p.string("filename")?;
+    let memory = p.document.mesh(name).cloned();
+    let path = p.document.resolve_path(name, p.object.at);
     let normals = match (p.boolean("face_normals")?, p.optional_float("max_smooth_angle")) {
         (false, None) => Normals::GivenOrSmooth,
         (true, None) => Normals::Flat,
@@ -155,7 +174,7 @@ fn mesh_file(p: &Properties, format: Format) -> Result<Surface, LoadError> {
         flip_normals: p.boolean("flip_normals")?,
         flip_v: p.boolean("flip_tex_coords")?,
     };
-    Ok(Surface::File(MeshFile { path, format, placement, from: p.locate("filename") }))
+    Ok(Surface::File(MeshFile { path, format, placement, from: p.locate("filename"), memory }))
 }
 
 /// A face's normal and its corners.

@@ -4,9 +4,10 @@
 mod reader;
 
 use std::fmt;
-use std::path::PathBuf;
+use std::path::{Path, PathBuf};
+use std::sync::Arc;
 
-use super::super::{LoadError, Location, Position};
+use super::super::{LoadError, Location, Position, RawMesh};
 use super::values::Value;
 
 /// What kind of plugin an object is; the name of its XML element.
@@ -70,7 +71,7 @@ impl fmt::Display for Category {
 }
 
 /// A place in one of the files; made into line and column only when it is shown.
-#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+#[derive(Debug, Clone, Copy, Default, PartialEq, Eq)]
 pub(super) struct Span {
     source: usize,
     offset: usize,
@@ -124,11 +125,36 @@ pub(super) struct Document {
     search: Vec<PathBuf>,
     /// The children of the scene.
     pub(super) roots: Vec<Child>,
+    /// Meshes in memory by the names of files that they stand for.
+    pub(super) meshes: Vec<(String, Arc<RawMesh>)>,
+}
+
+/// Where a scene is read from.
+pub(in super::super) enum Text<'a> {
+    /// A file.
+    File(&'a Path),
+    /// A text, and where the files are that it names.
+    Memory(&'a str, &'a Path),
+}
+
+impl Text<'_> {
+    /// The file, or one that could hold the text.
+    pub(super) fn path(&self) -> PathBuf {
+        match self {
+            Self::File(path) => path.to_path_buf(),
+            Self::Memory(_, directory) => directory.join("(memory)"),
+        }
+    }
 }
 
 impl Document {
     pub(super) fn object(&self, id: ObjectId) -> &Object {
         &self.objects[id.0]
+    }
+
+    /// The mesh in memory that stands for a file.
+    pub(super) fn mesh(&self, name: &str) -> Option<&Arc<RawMesh>> {
+        self.meshes.iter().find(|(n, _)| n == name).map(|(_, mesh)| mesh)
     }
 
     /// All objects, in the order in which they begin.

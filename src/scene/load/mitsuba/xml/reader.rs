@@ -8,7 +8,7 @@ use std::path::Path;
 
 use roxmltree::{Document as Xml, Node};
 
-use super::{Document, ObjectId, Source, Span, one_of};
+use super::{Document, ObjectId, Source, Span, Text, one_of};
 use crate::scene::load::{LoadError, Location, Log, Position};
 use element::{Member, is_known};
 
@@ -61,12 +61,13 @@ struct Attributes<'a> {
 }
 
 impl Document {
-    /// Reads a scene file with its includes. `defines` are values of `$name` parameters.
+    /// Reads a scene with its includes. `defines` are values of `$name` parameters.
     pub(in crate::scene::load::mitsuba) fn read(
-        path: &Path,
+        text: &Text,
         defines: &[(String, String)],
         log: &mut Log,
     ) -> Result<Self, LoadError> {
+        let path = &text.path();
         let defines = defines
             .iter()
             .map(|(n, v)| (n.clone(), Define { value: v.clone(), used: false, outer: true }))
@@ -79,7 +80,10 @@ impl Document {
             is_old: false,
             log,
         };
-        reader.file(path, None, 0)?;
+        match text {
+            Text::File(path) => reader.file(path, None, 0)?,
+            Text::Memory(text, _) => reader.text(path, text, 0)?,
+        }
         reader.resolve()?;
         if let Some((name, _)) =
             reader.defines.iter().filter(|(_, d)| d.outer && !d.used).min_by_key(|(n, _)| *n)
@@ -129,12 +133,17 @@ impl SceneReader<'_> {
             let offset = e.utf8_error().valid_up_to() as u64;
             LoadError::new(Location::byte(path, offset), "bytes that are not UTF-8", "an XML file in UTF-8")
         })?;
+        self.text(path, &text, depth)
+    }
+
+    /// Adds what a text's `<scene>` holds to the scene. The path is for messages, and for files to be found beside it.
+    fn text(&mut self, path: &Path, text: &str, depth: usize) -> Result<(), LoadError> {
         let source = self.document.sources.len();
-        refuse_crowded_tags(path, &text)?;
+        refuse_crowded_tags(path, text)?;
         let lines = std::iter::once(0).chain(text.match_indices('\n').map(|(i, _)| i + 1)).collect();
-        self.document.sources.push(Source { path: path.to_path_buf(), text: text.clone(), lines });
+        self.document.sources.push(Source { path: path.to_path_buf(), text: text.to_owned(), lines });
         let options = roxmltree::ParsingOptions { allow_dtd: false, ..Default::default() };
-        let xml = Xml::parse_with_options(&text, options).map_err(|e| {
+        let xml = Xml::parse_with_options(text, options).map_err(|e| {
             let pos = e.pos();
             let position = Position::LineColumn(pos.row as usize, pos.col as usize);
             // The position is said already.
