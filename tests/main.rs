@@ -7,6 +7,7 @@ mod benchmarks;
 mod bsdf;
 mod camera;
 mod cli;
+mod contributions;
 mod crosscheck;
 mod environment;
 mod film;
