@@ -70,7 +70,7 @@ impl StrategyImages {
         let area = Film::new(&self.settings, AovSet::default(), self.radiance_unit)?.sampled_area();
         let pass = Pass::new(world, query, target.integrator, target.seed, index, area)?;
         let mut splats: BTreeMap<Strategy, [Vec<Splat>; 2]> = BTreeMap::new();
-        for Contribution { strategy, film, value, weight } in collect(&pass, target.integrator) {
+        for Contribution { strategy, film, value, weight } in collect(&pass, target.integrator, |_| true) {
             let [weighted, unweighted] = splats.entry(strategy).or_default();
             weighted.push(Splat { position: film, radiance: value * weight });
             unweighted.push(Splat { position: film, radiance: value });
@@ -110,13 +110,55 @@ impl StrategyImages {
     }
 }
 
-/// All contributions of a pass, in an order that does not depend on threads.
-fn collect<Q: RayQuery>(pass: &Pass<Q>, integrator: Integrator) -> Vec<Contribution> {
+/// Contributions of a strategy that should not be.
+#[derive(Debug, Clone, Copy, Default, PartialEq, Eq)]
+pub struct OddCount {
+    /// Infinite or no number.
+    pub non_finite: u64,
+    /// Finite, with a component below 0.
+    pub negative: u64,
+}
+
+/// Traces a pass again and counts, for each strategy, the contributions that are not finite or negative. What photons and virtual lights contribute is no
+/// strategy's and not counted.
+///
+/// # Errors
+/// If the pass has too many photons, or the film makes no sense.
+pub fn odd_contributions<Q: RayQuery>(
+    world: &World,
+    query: &Q,
+    target: &Target,
+    index: u32,
+) -> Result<BTreeMap<Strategy, OddCount>, RenderError> {
+    let area = Film::new(&world.scene.film, AovSet::default(), 1.0)?.sampled_area();
+    let pass = Pass::new(world, query, target.integrator, target.seed, index, area)?;
+    let mut counts: BTreeMap<Strategy, OddCount> = BTreeMap::new();
+    for odd in collect(&pass, target.integrator, Contribution::is_odd) {
+        let count = counts.entry(odd.strategy).or_default();
+        let is_finite = (odd.value * odd.weight).is_finite();
+        *if is_finite { &mut count.negative } else { &mut count.non_finite } += 1;
+    }
+    Ok(counts)
+}
+
+impl Contribution {
+    fn is_odd(&self) -> bool {
+        let sum = self.value * self.weight;
+        !sum.is_finite() || sum.cmplt(Rgb::ZERO).any()
+    }
+}
+
+/// All contributions of a pass that are to be kept, in an order that does not depend on threads.
+fn collect<Q: RayQuery>(
+    pass: &Pass<Q>,
+    integrator: Integrator,
+    keep: fn(&Contribution) -> bool,
+) -> Vec<Contribution> {
     let (min, size) = (pass.area.min, pass.area.size.as_ivec2());
     let tasks: Vec<Vec<Contribution>> = (0..(size.y + TASK_ROWS - 1) / TASK_ROWS)
         .into_par_iter()
         .map_init(Scratch::default, |scratch, task| {
-            let mut recorder = Recorder::default();
+            let mut recorder = Recorder { keep, contributions: Vec::new(), unplaced: Vec::new() };
             for y in task * TASK_ROWS..((task + 1) * TASK_ROWS).min(size.y) {
                 for x in 0..size.x {
                     let pixel = min + glam::IVec2::new(x, y);
@@ -136,8 +178,8 @@ fn collect<Q: RayQuery>(pass: &Pass<Q>, integrator: Integrator) -> Vec<Contribut
 }
 
 /// Writes contributions down.
-#[derive(Default)]
 struct Recorder {
+    keep: fn(&Contribution) -> bool,
     contributions: Vec<Contribution>,
     /// Where the contributions of the present camera sample are; they do not know their place yet.
     unplaced: Vec<usize>,
@@ -155,11 +197,14 @@ impl PathObserver for Recorder {
     fn segment(&mut self, _: &Walk, _: u32, _: Option<&SurfaceVertex>) {}
 
     fn contribution(&mut self, strategy: Strategy, film: Option<Vec2>, value: Rgb, weight: f32) {
+        let contribution = Contribution { strategy, film: film.unwrap_or_default(), value, weight };
+        if !(self.keep)(&contribution) {
+            return;
+        }
         if film.is_none() {
             self.unplaced.push(self.contributions.len());
         }
-        let film = film.unwrap_or_default();
-        self.contributions.push(Contribution { strategy, film, value, weight });
+        self.contributions.push(contribution);
     }
 }
 

@@ -584,3 +584,54 @@ fn an_error_can_be_asked_for() {
     }
     folder.fail(&["render", SCENE, "--error", "0.1", "--spp", "3"], 2);
 }
+
+/// Two backends agree on the Cornell box; the report is one file, and a list of rays can be asked again.
+#[test]
+fn backends_are_compared() {
+    let folder = Folder::new();
+    let common = ["ab", SCENE, "--size", "24x20", "--spp", "2", "--rays", "20000"];
+    let (a, b) = if BACKENDS.len() > 1 { ("embree", "obvhs") } else { ("obvhs", "obvhs:quality=high") };
+    let output = folder.run(&[&common[..], &["--a", a, "--b", b, "--json", "-o", "report.html"]].concat());
+    assert!(output.status.success(), "{}", String::from_utf8_lossy(&output.stderr));
+    let json: serde_json::Value = serde_json::from_slice(&output.stdout).expect("JSON");
+    for kind in ["primary", "bounce", "shadow"] {
+        let rays = &json["rays"][kind];
+        assert!(rays["compared"].as_u64().is_some_and(|n| n > 3000) && rays["faults"] == 0, "{kind}: {rays}");
+        assert!(json["backends"][1]["rays_per_second"][kind].as_f64().is_some_and(|rate| rate > 1000.0));
+    }
+    // Each pass has one primary ray for each pixel and the filter's border around.
+    let primary = json["rays"]["primary"]["compared"].as_u64().expect("a number");
+    let border = |n: u64| (24 + 2 * n) * (20 + 2 * n);
+    assert!((0..4).any(|n| primary.is_multiple_of(border(n))), "{primary}");
+    assert_eq!(json["faults"].as_array().map(Vec::len), Some(0));
+    let page = fs::read_to_string(folder.path("report.html")).expect("a report");
+    assert_eq!(page.matches("<img alt=").count(), 3);
+    assert_eq!(page.matches("src=\"data:image/png;base64,iVBORw0KGgo").count(), 3);
+    assert!(!page.contains("http"), "it needs the network");
+
+    // Down the middle of the box, and a ray that leaves it backwards.
+    fs::write(
+        folder.path("rays.txt"),
+        "# two\nclosest 0 1 -8 0 0 1 0 inf\noccluded 0x0p+0 0x1p+0 -0x1p+3 0 0 -1 0 inf\n",
+    )
+    .expect("written");
+    let output = folder.run(&["ab", SCENE, "--a", a, "--b", b, "--replay", "rays.txt"]);
+    let text = String::from_utf8_lossy(&output.stdout).into_owned();
+    assert!(output.status.success(), "{text}");
+    assert_eq!(text.matches("both are right").count(), 2, "{text}");
+    fs::write(folder.path("bad.txt"), "# two\nclosest 0 1\n").expect("written");
+    let text = folder.fail(&["ab", SCENE, "--a", a, "--b", b, "--replay", "bad.txt"], 1);
+    assert!(text.contains("bad.txt:2: expected eight numbers"), "{text}");
+}
+
+#[test]
+fn a_render_is_crosschecked() {
+    let folder = Folder::new();
+    let common = ["render", SCENE, "--size", "24x20", "--spp", "2", "-o"];
+    folder.succeed(&[&common[..], &["plain.exr"]].concat());
+    let text = folder.succeed(&[&common[..], &["checked.exr", "--backend", "crosscheck"]].concat());
+    assert!(text.contains(" 0 faults, 0 disputes not judged"), "{text}");
+    assert_eq!(channels(&folder.path("plain.exr")), channels(&folder.path("checked.exr")));
+    let text = folder.fail(&[&common[..], &["x.exr", "--backend", "crosscheck:quality=low"]].concat(), 1);
+    assert!(text.contains("no settings"), "{text}");
+}

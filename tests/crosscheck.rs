@@ -1,10 +1,18 @@
 //! The f64 reference against closed forms, what it blames answers for, and the comparison of backends that rests on it.
 
-use glam::{DAffine3, DQuat, DVec3, Vec3};
-use helmholtz::query::reference::{Fault, Line, Opinion, crossings, nearest};
-use helmholtz::query::{Hit, Ray};
-use helmholtz::scene::{AnalyticKind, AnalyticShape, Geometry, Group, Instance, Shape};
 use std::sync::Arc;
+
+use glam::{DAffine3, DQuat, DVec3, Vec3};
+use helmholtz::film::{AovSet, Film, Image};
+use helmholtz::integrators::Integrator;
+use helmholtz::query::crosscheck::{Crosscheck, Findings, parse_query};
+use helmholtz::query::obvhs::ObvhsQuery;
+use helmholtz::query::reference::{Fault, Line, Opinion, crossings, nearest};
+use helmholtz::query::{AnyQuery, Backend, BuildQuality, Hit, Ray, RayQuery};
+use helmholtz::render::{Control, Stop, Target, render};
+use helmholtz::scene::load::{LoadOptions, load};
+use helmholtz::scene::{Aabb, AnalyticKind, AnalyticShape, Geometry, Group, Instance, Scene, Shape};
+use helmholtz::transport::World;
 
 use crate::support::{Rng, analytic, icosphere, mesh, placed, shape};
 
@@ -132,5 +140,241 @@ fn edges_within_a_mesh_are_sure_and_borders_are_not() {
         let ray = Ray::new(o, (target - o.as_dvec3()).normalize().as_vec3());
         let missed = Opinion::new(&globe, &ray).judge_closest(None);
         assert!(matches!(missed, Some(Fault::Missed { .. })), "{ray:?}: {missed:?}");
+    }
+}
+
+/// What a backend may get wrong.
+#[derive(Clone, Copy)]
+enum Lie {
+    /// Hits of even primitives are lost.
+    Blind,
+    /// The next primitive is named.
+    WrongName,
+    /// Distances are a tenth too great, for surface and all.
+    WrongPlace,
+    /// What is seen is the far side.
+    SeesThrough,
+    /// The other triangle of a square is named.
+    Neighbour,
+    /// Everything is in the way.
+    AlwaysOccluded,
+}
+
+struct Liar<'s>(ObvhsQuery<'s>, Lie);
+
+impl RayQuery for Liar<'_> {
+    fn intersect(&self, ray: &Ray) -> Option<Hit> {
+        let hit = self.0.intersect(ray)?;
+        match self.1 {
+            Lie::Blind => (hit.primitive % 2 == 1).then_some(hit),
+            Lie::WrongName => Some(Hit { primitive: hit.primitive ^ 64, ..hit }),
+            Lie::WrongPlace => Some(Hit { t: hit.t * 1.1, ..hit }),
+            Lie::Neighbour => Some(Hit { primitive: hit.primitive ^ 1, ..hit }),
+            Lie::SeesThrough => self.0.intersect(&Ray { t_min: hit.t.next_up() + 1e-3, ..*ray }),
+            Lie::AlwaysOccluded => Some(hit),
+        }
+    }
+
+    fn occluded(&self, ray: &Ray) -> bool {
+        match self.1 {
+            Lie::AlwaysOccluded => true,
+            _ => self.intersect(ray).is_some(),
+        }
+    }
+
+    fn bounds(&self) -> Aabb {
+        self.0.bounds()
+    }
+
+    fn memory(&self) -> usize {
+        self.0.memory()
+    }
+
+    fn name(&self) -> String {
+        "liar".to_owned()
+    }
+}
+
+fn globe() -> Vec<Shape> {
+    let (positions, triangles) = icosphere(3);
+    vec![mesh(placed(&positions, 1.0, DVec3::ZERO), triangles)]
+}
+
+#[test]
+fn each_kind_of_lie_is_found_and_the_liar_named() {
+    let shapes = globe();
+    for lie in [Lie::Blind, Lie::WrongName, Lie::WrongPlace, Lie::SeesThrough, Lie::AlwaysOccluded] {
+        let good = || ObvhsQuery::new(&shapes, BuildQuality::Medium);
+        let check = Crosscheck::new(&shapes, good(), Liar(good(), lie));
+        let mut rng = Rng(32);
+        let mut hits = 0;
+        for _ in 0..400 {
+            // From outside through the globe, and rays that miss it.
+            let o = rng.direction() * 3.0;
+            let d = (rng.cube() * 0.9 - o).normalize();
+            let ray = Ray::new(o.as_vec3(), d.as_vec3());
+            hits += usize::from(check.intersect(&ray).is_some());
+            check.occluded(&Ray { t_max: 1.5, ..ray });
+        }
+        assert!(hits > 150, "{hits}");
+        let found = check.findings();
+        assert_eq!((found.closest, found.occlusion, found.not_judged), (400, 400, 0));
+        let named = |fault: fn(&Fault) -> bool| {
+            found.faults.iter().filter(|j| j.faults[1].is_some_and(|f| fault(&f))).count()
+        };
+        assert!(found.faults.iter().all(|j| j.faults[0].is_none()), "{found:?}");
+        let count = match lie {
+            Lie::Blind => named(|f| matches!(f, Fault::Missed { .. })),
+            Lie::WrongName | Lie::Neighbour => named(|f| matches!(f, Fault::NotMet)),
+            // Beyond the corners a distance is put back; what it says is wrong nevertheless, unless the triangle is seen from straight above.
+            Lie::WrongPlace => named(|f| matches!(f, Fault::Distance { .. })),
+            Lie::SeesThrough => named(|f| matches!(f, Fault::Behind { .. })),
+            Lie::AlwaysOccluded => named(|f| matches!(f, Fault::Imagined)),
+        };
+        assert!(count > 100, "{count} of {} faults, {} ties", found.faults.len(), found.ties);
+    }
+}
+
+/// Rays from within a closed mesh, aimed at its vertices and edges exactly.
+fn aimed(positions: &[DVec3], triangles: &[[u32; 3]], mut ask: impl FnMut(&Ray)) {
+    let mut rng = Rng(33);
+    let middles = triangles.iter().map(|&[a, b, _]| (positions[a as usize] + positions[b as usize]) * 0.5);
+    for target in positions.iter().copied().chain(middles) {
+        let o = (rng.cube() * 0.1).as_vec3();
+        ask(&Ray::new(o, (target - o.as_dvec3()).normalize().as_vec3()));
+    }
+}
+
+#[test]
+fn the_other_triangle_of_an_edge_is_a_tie_there_and_a_fault_beside_it() {
+    // Squares split along their diagonals, at dyadic places: rays meet the diagonals to the last bit.
+    const N: u32 = 8;
+    let at = |i: u32| i as f32 / N as f32;
+    let mut positions = Vec::new();
+    let mut triangles = Vec::new();
+    for i in 0..N {
+        for j in 0..N {
+            let first = positions.len() as u32;
+            positions.extend(
+                [(i, j), (i + 1, j), (i + 1, j + 1), (i, j + 1)].map(|(x, y)| Vec3::new(at(x), at(y), 0.0)),
+            );
+            triangles.extend([[first, first + 1, first + 2], [first, first + 2, first + 3]]);
+        }
+    }
+    let shapes = [mesh(positions, triangles)];
+    for (beside, expected) in [(0.25, (64, 0)), (0.5, (0, 64))] {
+        let good = || ObvhsQuery::new(&shapes, BuildQuality::Medium);
+        let check = Crosscheck::new(&shapes, good(), Liar(good(), Lie::Neighbour));
+        for i in 0..N {
+            for j in 0..N {
+                let (x, y) = (i as f32 + 0.25, j as f32 + beside);
+                assert!(check.intersect(&down(x / N as f32, y / N as f32)).is_some());
+            }
+        }
+        let found = check.findings();
+        assert_eq!((found.ties, found.faults.len()), expected, "{:?}", found.faults);
+        assert!(found.faults.iter().all(|j| j.faults == [None, Some(Fault::NotMet)]), "{:?}", found.faults);
+    }
+}
+
+/// Fast mode loses rays at edges (vendor-notes/embree.md), which is what a crosscheck is to find.
+#[cfg(feature = "embree")]
+#[test]
+fn leaks_of_fast_mode_are_faults() {
+    use helmholtz::query::embree::{EmbreeQuery, EmbreeSettings};
+    let (positions, triangles) = icosphere(5);
+    let shapes = [mesh(placed(&positions, 1.0, DVec3::ZERO), triangles.clone())];
+    let fast = EmbreeQuery::new(&shapes, EmbreeSettings { robust: false, ..EmbreeSettings::default() })
+        .expect("Embree");
+    let check = Crosscheck::new(&shapes, ObvhsQuery::new(&shapes, BuildQuality::Medium), fast);
+    aimed(&positions, &triangles, |ray| {
+        check.intersect(ray);
+    });
+    let found = check.findings();
+    assert!(found.faults.len() as u64 + found.not_judged > 10, "{} faults", found.faults.len());
+    for judged in &found.faults {
+        assert!(matches!(judged.faults, [None, Some(Fault::Missed { .. })]), "{judged:?}");
+    }
+}
+
+#[test]
+fn disputes_beyond_the_room_are_counted() {
+    let shapes = globe();
+    let good = || ObvhsQuery::new(&shapes, BuildQuality::Medium);
+    let check = Crosscheck::new(&shapes, good(), Liar(good(), Lie::AlwaysOccluded));
+    for i in 0..1500 {
+        check.occluded(&Ray { t_max: 0.5, ..Ray::new(Vec3::new(0.0, 0.0, i as f32 * 1e-5), Vec3::X) });
+    }
+    let found = check.findings();
+    assert_eq!((found.faults.len(), found.not_judged, found.is_clean()), (1024, 476, false));
+}
+
+#[test]
+fn queries_survive_being_written_down() {
+    let shapes = globe();
+    let good = || ObvhsQuery::new(&shapes, BuildQuality::Medium);
+    let check = Crosscheck::new(&shapes, good(), Liar(good(), Lie::Blind));
+    let mut rng = Rng(34);
+    for _ in 0..50 {
+        let ray = Ray {
+            t_min: 1e-30,
+            t_max: 1e30,
+            ..Ray::new((rng.cube() * 0.5).as_vec3(), rng.direction().as_vec3())
+        };
+        check.intersect(&ray);
+        check.occluded(&ray);
+    }
+    let faults = check.findings().faults;
+    assert!(faults.len() > 20);
+    for judged in faults {
+        let (is_occlusion, ray) = parse_query(&judged.dispute.to_string()).expect("as written");
+        assert_eq!(ray, judged.dispute.ray);
+        assert_eq!(is_occlusion, judged.dispute.to_string().starts_with("occluded"));
+    }
+    for bad in [
+        "",
+        "closest",
+        "nearest 0 0 0 0 0 1 0 inf",
+        "closest 0 0 0 0 0 1 0",
+        "closest 0 0 0 0 0 1 0 inf 7",
+        "closest 0 0 x 0 0 1 0 inf",
+    ] {
+        assert!(parse_query(bad).is_err(), "{bad}");
+    }
+}
+
+fn image<Q: RayQuery>(scene: &Scene, query: &Q, integrator: &str) -> (Image, u64) {
+    let world = World::new(scene);
+    let mut film = Film::new(&scene.film, AovSet::default(), world.lights.radiance_unit()).expect("a film");
+    let parameters = [("max_depth".to_owned(), "5".to_owned())];
+    let target = Target { integrator: Integrator::new(integrator, &parameters).expect("known"), seed: 3 };
+    let stop = Stop { passes: 0..2, time: None };
+    let done = render(&world, query, &target, &mut film, &stop, |_| Control::Continue).expect("rendered");
+    (film.develop(), done.rays)
+}
+
+fn crosscheck_of(query: &AnyQuery) -> Findings {
+    let AnyQuery::Crosscheck(crosscheck) = query else { panic!("no crosscheck") };
+    crosscheck.findings()
+}
+
+/// The image is that of the first backend to the last bit, and every ray is compared.
+#[test]
+fn a_crosscheck_renders_what_its_first_backend_does() {
+    let path = std::path::Path::new(env!("CARGO_MANIFEST_DIR")).join("scenes/cornell-box.xml");
+    let mut scene = load(&path, &LoadOptions::default()).expect("a scene").scene;
+    scene.film.size = glam::UVec2::splat(24);
+    scene.film.crop.size = scene.film.size;
+    for integrator in ["path", "ptracer", "bdpt"] {
+        let first = Backend::default().build(&scene.shapes).expect("built");
+        let both = Backend::Crosscheck.build(&scene.shapes).expect("built");
+        let (expected, rays) = image(&scene, &first, integrator);
+        assert_eq!(image(&scene, &both, integrator).0, expected, "{integrator}");
+        let found = crosscheck_of(&both);
+        assert!(found.is_clean(), "{integrator}: {:?}", found.faults);
+        assert!(
+            found.closest + found.occlusion >= rays && rays > 1000,
+            "{integrator}: {found:?}, {rays} rays"
+        );
     }
 }

@@ -8,6 +8,7 @@ mod bsdf;
 mod camera;
 mod capi;
 mod cli;
+mod contributions;
 mod converge;
 mod crosscheck;
 mod environment;

@@ -1,5 +1,6 @@
 //! `helmholtz render`: a scene becomes an image.
 
+use std::collections::BTreeMap;
 use std::fmt::Write as _;
 use std::ops::Range;
 use std::path::{Path, PathBuf};
@@ -18,14 +19,14 @@ use super::progress::Bar;
 use super::{CliError, EXIT_DONE, EXIT_FAULTS, EXIT_INTERRUPTED, debug_pixel};
 use crate::film::state::{RenderIdentity, load_state, save_state};
 use crate::film::{Aov, AovSet, Film, output};
-use crate::integrators::Integrator;
 use crate::integrators::photon_map::Lookup;
 use crate::integrators::photon_map::store::{PhotonReader, PhotonStore, PhotonWriter};
+use crate::integrators::{Integrator, Strategy};
 use crate::query::{AnyQuery, Backend, RayQuery};
 use crate::render::{Control, Progress, Stop, Target, render_with_store};
 use crate::scene::load::{LoadOptions, Loaded, load};
 use crate::scene::{PixelRect, Scene};
-use crate::strategies::{self, StrategyImages};
+use crate::strategies::{self, OddCount, StrategyImages};
 use crate::study::converge::{ErrorEstimate, Outcome, render_to_error};
 use crate::transport::World;
 
@@ -299,8 +300,9 @@ impl Job<'_> {
                 (outcome.progress, outcome.estimate)
             }
         };
-        let report =
-            Report { job: &self, film: &film, progress, estimate, build_time, backend: query.name() };
+        let odd = self.odd_contributions(&world, query, &film)?;
+        let backend = query.name();
+        let report = Report { job: &self, film: &film, progress, estimate, build_time, backend, odd };
 
         report.print_dropped();
         self.say(&report.photon_warnings());
@@ -464,6 +466,25 @@ impl Job<'_> {
         Ok(outcome)
     }
 
+    /// For each strategy, what is not finite or negative in the passes that [`Dropped`](crate::film::Dropped) has examples of. They are traced again, so that
+    /// nothing needs to be counted while all is well.
+    fn odd_contributions<Q: RayQuery>(
+        &self,
+        world: &World,
+        query: &Q,
+        film: &Film,
+    ) -> Result<BTreeMap<Strategy, OddCount>, CliError> {
+        let mut all: BTreeMap<Strategy, OddCount> = BTreeMap::new();
+        for pass in film.dropped().example_passes() {
+            for (strategy, count) in strategies::odd_contributions(world, query, &self.target, pass)? {
+                let sum = all.entry(strategy).or_default();
+                sum.non_finite += count.non_finite;
+                sum.negative += count.negative;
+            }
+        }
+        Ok(all)
+    }
+
     /// Where to save the film: where asked to, and beside the image after an interruption.
     fn state_path(&self, interrupted: bool) -> Option<PathBuf> {
         self.args.save_state.clone().or_else(|| interrupted.then(|| self.outputs.state()))
@@ -494,6 +515,8 @@ struct Report<'a> {
     estimate: Option<ErrorEstimate>,
     build_time: Duration,
     backend: String,
+    /// What should not be, of the passes that there are examples of.
+    odd: BTreeMap<Strategy, OddCount>,
 }
 
 impl Report<'_> {
@@ -538,9 +561,15 @@ impl Report<'_> {
             return;
         }
         eprintln!(
-            "warning: dropped {} samples and {} splats that were not finite, {} AOV records; {} sums overflowed",
-            dropped.samples, dropped.splats, dropped.records, dropped.overflows
+            "warning: dropped {} samples and {} splats that were not finite, {} AOV records; {} sums overflowed; {} samples and splats are negative",
+            dropped.samples, dropped.splats, dropped.records, dropped.overflows, dropped.negative
         );
+        for (strategy, OddCount { non_finite, negative }) in &self.odd {
+            eprintln!(
+                "  {non_finite} contributions that are not finite and {negative} that are negative by a path that {strategy}, in passes {:?}",
+                dropped.example_passes()
+            );
+        }
         for at in &dropped.examples {
             eprintln!(
                 "  reproduce one: {} --seed {} --integrator {} --passes {}..{} --debug-pixel {},{}",
@@ -606,7 +635,9 @@ impl Report<'_> {
     }
 
     fn statistics(&self) -> serde_json::Value {
-        let dropped = self.film.dropped();
+        let mut dropped = json!(self.film.dropped());
+        let of_strategy = |(Strategy { s, t }, odd): (&Strategy, &OddCount)| json!({ "s": s, "t": t, "non_finite": odd.non_finite, "negative": odd.negative });
+        dropped["strategies"] = self.odd.iter().map(of_strategy).collect();
         json!({
             "scene": self.job.args.scene,
             "integrator": self.job.target.integrator.describe(),

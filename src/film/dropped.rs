@@ -16,11 +16,14 @@ pub struct Dropped {
     pub samples: u64,
     /// Splats likewise, or of a position that is no number.
     pub splats: u64,
+    /// Camera samples and splats with a component below 0, which no light makes. They are added as they are.
+    #[serde(default)]
+    pub negative: u64,
     /// AOV records with a value that was not finite. They count as misses.
     pub records: u64,
     /// Sums that became infinite.
     pub overflows: u64,
-    /// The first few dropped samples and splats, in order of pass and pixel.
+    /// The first few dropped or negative samples and splats, in order of pass and pixel.
     pub examples: Vec<DroppedExample>,
 }
 
@@ -42,9 +45,16 @@ impl DroppedExample {
 }
 
 impl Dropped {
-    /// Whether nothing was dropped and nothing overflowed.
+    /// Whether nothing was dropped, nothing overflowed and nothing was negative.
     pub fn is_none(&self) -> bool {
-        self.samples == 0 && self.splats == 0 && self.records == 0 && self.overflows == 0
+        [self.samples, self.splats, self.negative, self.records, self.overflows] == [0; 5]
+    }
+
+    /// The passes that the examples are of, each once.
+    pub fn example_passes(&self) -> Vec<u32> {
+        let mut passes: Vec<u32> = self.examples.iter().map(|example| example.pass).collect();
+        passes.dedup();
+        passes
     }
 
     pub(super) fn merge(&mut self, other: &Self) {
@@ -52,6 +62,7 @@ impl Dropped {
         for (own, other) in [
             (&mut self.samples, other.samples),
             (&mut self.splats, other.splats),
+            (&mut self.negative, other.negative),
             (&mut self.records, other.records),
             (&mut self.overflows, other.overflows),
         ] {
@@ -60,27 +71,31 @@ impl Dropped {
         self.note(other.examples.iter().copied());
     }
 
-    /// Counts the samples of a pass that are not kept.
+    /// Counts the samples of a pass that are not kept or negative.
     pub(super) fn note_samples(&mut self, pass: u32, samples: &PassSamples, limit: f32) {
-        let is_dropped = |i: &usize| !is_kept(samples.samples()[*i].radiance, limit);
+        let radiance = |i: usize| samples.samples()[i].radiance;
+        let is_odd = |i: &usize| !is_kept(radiance(*i), limit) || is_negative(radiance(*i));
         let all = 0..samples.samples().len();
-        let count = all.clone().into_par_iter().filter(is_dropped).count();
-        if count > 0 {
-            self.samples += count as u64;
-            let first = all.filter(is_dropped).take(MAX_EXAMPLES);
-            self.note(first.map(|i| DroppedExample::new(pass, samples.pixel(i))));
-        }
+        let odd: Vec<usize> = all.into_par_iter().filter(is_odd).collect();
+        let dropped = odd.iter().filter(|&&i| !is_kept(radiance(i), limit)).count();
+        self.samples += dropped as u64;
+        self.negative += (odd.len() - dropped) as u64;
+        let first = odd.iter().take(MAX_EXAMPLES);
+        self.note(first.map(|&i| DroppedExample::new(pass, samples.pixel(i))));
     }
 
-    /// Counts the splats of a pass that are not kept.
+    /// Counts the splats of a pass that are not kept or negative.
     pub(super) fn note_splats(&mut self, pass: u32, splats: &[Splat], limit: f32) {
         // What is no number counts as pixel 0.
-        let example = |s: &Splat| DroppedExample::new(pass, s.position.floor().as_ivec2());
-        let mut dropped: Vec<_> =
-            splats.par_iter().filter(|s| !is_splat_kept(s, limit)).map(example).collect();
-        self.splats += dropped.len() as u64;
-        dropped.sort_unstable();
-        self.note(dropped.into_iter().take(MAX_EXAMPLES));
+        let example = |s: &&Splat| DroppedExample::new(pass, s.position.floor().as_ivec2());
+        let is_odd = |s: &&Splat| !is_splat_kept(s, limit) || is_negative(s.radiance);
+        let odd: Vec<&Splat> = splats.par_iter().filter(is_odd).collect();
+        let dropped = odd.iter().filter(|s| !is_splat_kept(s, limit)).count();
+        self.splats += dropped as u64;
+        self.negative += (odd.len() - dropped) as u64;
+        let mut examples: Vec<_> = odd.iter().map(example).collect();
+        examples.sort_unstable();
+        self.note(examples.into_iter().take(MAX_EXAMPLES));
     }
 
     fn note(&mut self, examples: impl IntoIterator<Item = DroppedExample>) {
@@ -88,6 +103,12 @@ impl Dropped {
         self.examples.sort_unstable();
         self.examples.truncate(MAX_EXAMPLES);
     }
+}
+
+/// Whether a radiance is less than nothing.
+#[inline]
+fn is_negative(radiance: Rgb) -> bool {
+    radiance.cmplt(Rgb::ZERO).any()
 }
 
 /// Whether a radiance is added or dropped.

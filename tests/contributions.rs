@@ -1,0 +1,145 @@
+//! No contribution is infinite, no number or negative, and the backends agree on every ray: on every scene that there is, with every integrator. And what should not be is noticed.
+
+use std::path::{Path, PathBuf};
+
+use glam::{UVec2, Vec3};
+use helmholtz::film::{AovSet, Film};
+use helmholtz::integrators::{Integrator, Strategy};
+use helmholtz::query::{AnyQuery, Backend};
+use helmholtz::render::{Control, Stop, Target, render};
+use helmholtz::scene::load::{LoadOptions, load};
+use helmholtz::scene::{Emitter, PixelRect, Rgb, Scene};
+use helmholtz::strategies::{OddCount, odd_contributions};
+use helmholtz::transport::World;
+
+use crate::scene_builder::{Build, diffuse, empty, quad};
+
+const INTEGRATORS: [(&str, &[(&str, &str)]); 7] = [
+    ("path", &[("max_depth", "8")]),
+    ("ptracer", &[("max_depth", "8")]),
+    ("bdpt", &[("max_depth", "8")]),
+    ("photonmapper", &[("max_depth", "8"), ("photons", "1000"), ("k", "10")]),
+    ("sppm", &[("max_depth", "8"), ("photons", "1000")]),
+    ("vpl", &[("max_depth", "5"), ("count", "10")]),
+    ("vpl", &[("max_depth", "5"), ("count", "10"), ("visibility", "shadowmap"), ("resolution", "8")]),
+];
+
+fn target((name, parameters): (&str, &[(&str, &str)])) -> Target {
+    let owned: Vec<_> = parameters.iter().map(|(k, v)| ((*k).to_owned(), (*v).to_owned())).collect();
+    Target { integrator: Integrator::new(name, &owned).expect("known"), seed: 11 }
+}
+
+fn check(name: &str, scene: &mut Scene, passes: u32) {
+    let size = UVec2::new(16, 12);
+    scene.film.size = size;
+    scene.film.crop = PixelRect { min: UVec2::ZERO, size };
+    let scene = &*scene;
+    let query = Backend::Crosscheck.build(&scene.shapes).expect("built");
+    let world = World::new(scene);
+    for integrator in INTEGRATORS {
+        let target = target(integrator);
+        let mut film =
+            Film::new(&scene.film, AovSet::default(), world.lights.radiance_unit()).expect("a film");
+        let stop = Stop { passes: 0..passes, time: None };
+        render(&world, &query, &target, &mut film, &stop, |_| Control::Continue).expect("rendered");
+        assert!(film.dropped().is_none(), "{name}, {integrator:?}: {:?}", film.dropped());
+        // Each contribution by itself, which in a sum another might outweigh.
+        let odd = odd_contributions(&world, &query, &target, passes).expect("rendered");
+        assert!(odd.is_empty(), "{name}, {integrator:?}: {odd:?}");
+    }
+    let AnyQuery::Crosscheck(crosscheck) = &query else { panic!("no crosscheck") };
+    let found = crosscheck.findings();
+    assert!(found.is_clean(), "{name}: {:#?}, {} not judged", found.faults, found.not_judged);
+    assert!(found.closest > 0, "{name}");
+}
+
+/// All XML files below a folder that load. Broken and unusual files are for the tests of loaders.
+fn check_all(folder: &Path, passes: u32, is_wanted: fn(&Path) -> bool) -> usize {
+    let mut pending = vec![folder.to_owned()];
+    let mut files: Vec<PathBuf> = Vec::new();
+    while let Some(folder) = pending.pop() {
+        for entry in std::fs::read_dir(&folder).expect("a folder").flatten() {
+            let path = entry.path();
+            if path.is_dir() {
+                pending.push(path);
+            } else if path.extension().is_some_and(|e| e == "xml") && is_wanted(&path) {
+                files.push(path);
+            }
+        }
+    }
+    files.sort();
+    let options = LoadOptions { lenient: true, ..LoadOptions::default() };
+    let mut checked = 0;
+    for path in files {
+        let Ok(mut loaded) = load(&path, &options) else { continue };
+        check(&path.display().to_string(), &mut loaded.scene, passes);
+        checked += 1;
+    }
+    checked
+}
+
+fn is_large(path: &Path) -> bool {
+    path.components().any(|c| ["country-kitchen", "staircase2", "sponza"].iter().any(|n| c.as_os_str() == *n))
+}
+
+fn testdata() -> PathBuf {
+    Path::new(env!("CARGO_MANIFEST_DIR")).join("../shared/testdata")
+}
+
+#[test]
+fn scenes_have_no_odd_contributions_and_no_faults() {
+    let here = Path::new(env!("CARGO_MANIFEST_DIR"));
+    assert!(check_all(&here.join("scenes"), 2, |_| true) >= 7);
+    assert!(check_all(&here.join("tests/scenes"), 1, |_| true) >= 37);
+}
+
+#[test]
+fn third_party_scenes_have_no_odd_contributions_and_no_faults() {
+    for folder in ["scenes", "mitsuba-suite"] {
+        let folder = testdata().join(folder);
+        if folder.exists() {
+            assert!(check_all(&folder, 1, |path| !is_large(path)) >= 7, "{}", folder.display());
+        }
+    }
+}
+
+/// `cargo test --release contributions -- --ignored`: the three large scenes, a minute.
+#[test]
+#[ignore = "takes a minute"]
+fn large_scenes_have_no_odd_contributions_and_no_faults() {
+    let folder = testdata().join("scenes");
+    assert!(check_all(&folder, 4, is_large) >= 3);
+}
+
+/// A floor under a sky of which one colour is negative, and a floor that returns 1e30 times what it gets.
+#[test]
+fn odd_contributions_are_counted_for_each_strategy() {
+    let floor = || quad(Vec3::new(-5.0, -1.0, -5.0), Vec3::Z * 10.0, Vec3::X * 10.0);
+    let roof = || quad(Vec3::new(-5.0, 2.0, -5.0), Vec3::X * 10.0, Vec3::Z * 10.0);
+    let run = |scene: &Scene| {
+        let query = Backend::Crosscheck.build(&scene.shapes).expect("built");
+        let world = World::new(scene);
+        let target = target(("path", &[("max_depth", "4"), ("rr_depth", "50")]));
+        let mut film = Film::new(&scene.film, AovSet::default(), 1.0).expect("a film");
+        let stop = Stop { passes: 0..1, time: None };
+        render(&world, &query, &target, &mut film, &stop, |_| Control::Continue).expect("rendered");
+        (film.dropped().clone(), odd_contributions(&world, &query, &target, 0).expect("rendered"))
+    };
+    let sky = Emitter::Constant { radiance: Rgb::new(1.0, -0.5, 1.0) };
+    let (dropped, odd) = run(&empty().shape(floor(), diffuse(0.5), None).emitter(sky));
+    assert_eq!((dropped.samples, dropped.negative, dropped.example_passes()), (0, 64, vec![0]));
+    let hits = odd[&Strategy { s: 0, t: 2 }];
+    let lit = odd[&Strategy { s: 1, t: 2 }];
+    assert!(hits.negative > 20 && hits.negative < 60, "{odd:?}");
+    assert_eq!(hits.non_finite + lit.non_finite, 0);
+    assert!(hits.negative + lit.negative > 55, "{odd:?}");
+
+    let sky = Emitter::Constant { radiance: Rgb::ONE };
+    let bright = empty().shape(floor(), diffuse(1e30), None).shape(roof(), diffuse(1e30), None).emitter(sky);
+    let (dropped, odd) = run(&bright);
+    assert!(dropped.samples > 0 && dropped.negative == 0, "{dropped:?}");
+    let non_finite: u64 = odd.values().map(|count: &OddCount| count.non_finite).sum();
+    assert!(non_finite > 0, "{odd:?}");
+    // Beyond two bounces 1e60 does not fit.
+    assert!(odd.keys().all(|strategy| strategy.s + strategy.t > 3), "{odd:?}");
+}
