@@ -10,6 +10,7 @@
 //! |---|---|
 //! | [`cli`] | one file per subcommand; all printing to people happens there |
 //! | [`study`] | the trade, measured: errors of images |
+//! | [`selftest`] | checks at the extremes of scale, place, roughness, radiance |
 //! | [`render`] | the driver: passes, threads, progress, stop conditions, checkpoints |
 //! | [`strategies`] | the driver for images of single strategies |
 //! | [`integrators`] | one file or folder per algorithm |
@@ -34,6 +35,7 @@ pub mod query;
 pub mod render;
 pub mod sampling;
 pub mod scene;
+pub mod selftest;
 pub mod strategies;
 pub mod study;
 pub mod transport;

@@ -8,6 +8,7 @@ mod bsdf;
 mod camera;
 mod cli;
 mod environment;
+mod extremes;
 mod film;
 mod image_files;
 mod images;

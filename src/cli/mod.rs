@@ -7,6 +7,7 @@ mod output;
 mod parse;
 mod progress;
 mod render;
+mod selftest;
 
 use std::process::ExitCode;
 
@@ -18,6 +19,8 @@ pub const EXIT_DONE: u8 = 0;
 pub const EXIT_ERROR: u8 = 1;
 /// Exit code of a comparison for images that differ by more than they may.
 pub const EXIT_DIFFERENT: u8 = 3;
+/// Exit code of a selftest of which a check failed.
+pub const EXIT_FAILED: u8 = 4;
 /// Exit code for a render that was interrupted by Ctrl-C and saved what it had.
 pub const EXIT_INTERRUPTED: u8 = 130;
 
@@ -25,7 +28,7 @@ pub const EXIT_INTERRUPTED: u8 = 130;
 ///
 /// Reads Mitsuba scenes (.xml) and plain meshes (.obj, .ply); writes OpenEXR and PNG.
 ///
-/// Exit codes: 0 done; 1 error; 2 wrong usage; 3 images differ by more than asked for; 130 interrupted by Ctrl-C after saving.
+/// Exit codes: 0 done; 1 error; 2 wrong usage; 3 images differ by more than asked for; 4 a check failed; 130 interrupted by Ctrl-C after saving.
 #[derive(Debug, Parser)]
 #[command(version, max_term_width = 100)]
 pub struct Cli {
@@ -38,6 +41,7 @@ enum Command {
     Render(Box<render::RenderArgs>),
     Merge(merge::MergeArgs),
     Diff(diff::DiffArgs),
+    Selftest(selftest::SelftestArgs),
 }
 
 /// Runs a parsed command line and says how it went. Errors are printed to standard error.
@@ -46,6 +50,7 @@ pub fn run(cli: Cli) -> ExitCode {
         Command::Render(args) => render::run(&args),
         Command::Merge(args) => merge::run(&args),
         Command::Diff(args) => diff::run(&args),
+        Command::Selftest(args) => selftest::run(&args),
     };
     match result {
         Ok(code) => ExitCode::from(code),

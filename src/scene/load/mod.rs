@@ -9,6 +9,7 @@
 mod error;
 pub(crate) mod exr;
 mod image;
+mod judge;
 mod mesh;
 pub mod mitsuba;
 mod mtl;
@@ -72,6 +73,7 @@ pub fn load(path: &Path, options: &LoadOptions) -> Result<Loaded, LoadError> {
             return Err(LoadError::new(Location::file(path), found, expected));
         }
     };
+    judge::shapes(path, &scene.shapes, &mut log);
     Ok(Loaded { scene, warnings: log.warnings, files: log.files })
 }
 
