@@ -67,6 +67,40 @@ pub fn sandwich_leaks<Q: RayQuery>(query: &Q, shapes: &[Shape], rays: u64, seed:
     (0..rays.div_ceil(RAYS_PER_TASK)).into_par_iter().map(task).sum()
 }
 
+/// Of `rays` rays that rise from a floor (shape 0) at up to 45 degrees beneath the middle of a square that hovers `height` over it (shape 1), those that miss it because they start too
+/// high or elsewhere. `turn` is that of both; the square is at the origin and much wider than it is high.
+pub fn missed_contacts<Q: RayQuery>(
+    query: &Q,
+    shapes: &[Shape],
+    (height, turn): (f64, DQuat),
+    rays: u64,
+    seed: u64,
+) -> u64 {
+    let task = |number: u64| {
+        let mut rng = Rng(seed ^ number << 32);
+        let misses = |_: &u64| {
+            let o = turn * (DVec3::new(rng.unit(), rng.unit(), 0.5) * height);
+            let down = Ray::new(o.as_vec3(), (turn * DVec3::NEG_Z).as_vec3());
+            let Some(hit) = query.intersect(&down).filter(|hit| hit.shape == 0) else { return true };
+            let up = turn * (DVec3::Z + rng.direction() * 0.7);
+            let ray = Ray::spawn(&hit.surface(shapes, &down), up.normalize().as_vec3());
+            query.intersect(&ray).is_none_or(|hit| hit.shape != 1)
+        };
+        (0..RAYS_PER_TASK.min(rays - number * RAYS_PER_TASK)).filter(misses).count() as u64
+    };
+    (0..rays.div_ceil(RAYS_PER_TASK)).into_par_iter().map(task).sum()
+}
+
+struct Contacts<'a>(&'a [Shape], (f64, DQuat), u64);
+
+impl Task for Contacts<'_> {
+    type Output = u64;
+
+    fn run<Q: RayQuery>(&self, query: &Q) -> u64 {
+        missed_contacts(query, self.0, self.1, self.2, 5)
+    }
+}
+
 struct OwnHits<'a>(&'a [Shape], u64);
 
 impl Task for OwnHits<'_> {
@@ -135,6 +169,12 @@ pub(super) fn check(bench: &Bench) -> Result<Vec<Finding>, SelftestError> {
         let hits = bench.on(&shapes, &OwnHits(&shapes, rays))?;
         let check = format!("squares of 1e-6 over one of 1e6{which}: grazing rays that hit their own");
         findings.push(bench.finding(group, check, hits as f64, 0.0));
+        // A floor along the axes is exact; the error bound of one that is turned is a few millionths of its size.
+        let (name, height) = if which.is_empty() { ("1e-9", 1e-3) } else { ("1e-5", 10.0) };
+        let shapes = [square(DVec3::ZERO, 1e6, turn)?, square(turn * DVec3::Z * height, 1e3, turn)?];
+        let missed = bench.on(&shapes, &Contacts(&shapes, (height, turn), rays))?;
+        let check = format!("square over a floor of 1e6{which}, {name} of that above it: rays that miss it");
+        findings.push(bench.finding(group, check, missed as f64, 0.0));
         findings.push(least_gap(bench, turn, which)?);
     }
     Ok(findings)

@@ -25,7 +25,7 @@ use crate::render::RenderError;
 use crate::scene::Shape;
 
 pub use images::moved;
-pub use leaks::{own_hits, sandwich_leaks};
+pub use leaks::{missed_contacts, own_hits, sandwich_leaks};
 pub use watertight::{Escapes, escapes};
 
 /// How long to look.
