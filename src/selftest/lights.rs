@@ -61,17 +61,17 @@ fn lamp_room(side: f64) -> Result<Scene, SelftestError> {
     Ok(scene)
 }
 
-/// A lamp of area 2^-40, about 1e-12, and one of 2^-20 of the same power make the same image: seen from half a unit, they differ by the square of their size over that distance,
-/// 4e-6. The limit of 2e-3 is for the few paths that turn out otherwise, as for scale. (Powers of two, because vertices must be where they are said to be: at 0.1 the
+/// A lamp of area 2^-40, about 1e-12, and one of 2^-30 of the same power make the same image: seen from half a unit, they differ by the square of their size over that distance,
+/// 4e-9. The limit of 2e-3 is for the few paths that turn out otherwise, as for scale. (Powers of two, because vertices must be where they are said to be: at 0.1 the
 /// last digit is a hundredth of the lamp.)
 fn tiny_lamp(bench: &Bench) -> Result<Vec<Finding>, SelftestError> {
-    let (small, tiny) = (lamp_room(2f64.powi(-10))?, lamp_room(2f64.powi(-20))?);
+    let (small, tiny) = (lamp_room(2f64.powi(-15))?, lamp_room(2f64.powi(-20))?);
     let mut findings = Vec::new();
     for &(label, parameters) in &AT_UNIT_SIZE {
         let algorithm = integrator(label, parameters)?;
         let (a, b) =
             (image(bench, &small, algorithm, 16)?.mean(), image(bench, &tiny, algorithm, 16)?.mean());
-        let check = "lamp of area 1e-12 beside one of 1e-6: relative difference of the mean";
+        let check = "lamp of area 1e-12 beside one of 1e-9: relative difference of the mean";
         let finding = bench.finding(GROUP, check, (b / a - 1.0).abs(), 2e-3);
         findings.push(Finding { integrator: label, ..finding });
     }
