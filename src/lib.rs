@@ -11,6 +11,7 @@
 //! | [`cli`] | one file per subcommand; all printing to people happens there |
 //! | [`capi`] | the C interface: handles, status codes, no panic across the border |
 //! | [`study`] | the trade, measured: errors of images, backends side by side, what a scene's light is made of, which integrator suits it, rendering to an error |
+//! | [`selftest`] | checks at the extremes of scale, place, roughness, radiance |
 //! | [`render`] | the driver: passes, threads, progress, stop conditions, checkpoints |
 //! | [`strategies`] | the driver for images of single strategies |
 //! | [`integrators`] | one file or folder per algorithm |
@@ -38,6 +39,7 @@ pub mod query;
 pub mod render;
 pub mod sampling;
 pub mod scene;
+pub mod selftest;
 pub mod strategies;
 pub mod study;
 pub mod transport;

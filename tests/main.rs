@@ -12,6 +12,7 @@ mod contributions;
 mod converge;
 mod crosscheck;
 mod environment;
+mod extremes;
 mod film;
 mod image_files;
 mod images;

@@ -10,6 +10,7 @@ mod output;
 pub(crate) mod parse;
 mod progress;
 mod render;
+mod selftest;
 
 use std::process::ExitCode;
 
@@ -21,7 +22,7 @@ pub const EXIT_DONE: u8 = 0;
 pub const EXIT_ERROR: u8 = 1;
 /// Exit code of a comparison for images that differ by more than they may, or for predictions that do not hold.
 pub const EXIT_DIFFERENT: u8 = 3;
-/// Exit code for backends of which one gave a wrong answer.
+/// Exit code for backends of which one gave a wrong answer, and for a selftest of which a check failed.
 pub const EXIT_FAULTS: u8 = 4;
 /// Exit code for a render that was interrupted by Ctrl-C and saved what it had.
 pub const EXIT_INTERRUPTED: u8 = 130;
@@ -30,7 +31,7 @@ pub const EXIT_INTERRUPTED: u8 = 130;
 ///
 /// Reads Mitsuba scenes (.xml) and plain meshes (.obj, .ply); writes OpenEXR and PNG.
 ///
-/// Exit codes: 0 done; 1 error; 2 wrong usage; 3 images differ by more than asked for, or a scene from what is predicted; 4 backends disagree and one is wrong; 130 interrupted by Ctrl-C after saving.
+/// Exit codes: 0 done; 1 error; 2 wrong usage; 3 images differ by more than asked for, or a scene from what is predicted; 4 backends disagree and one is wrong, or a check failed; 130 interrupted by Ctrl-C after saving.
 #[derive(Debug, Parser)]
 #[command(version, max_term_width = 100)]
 pub struct Cli {
@@ -45,6 +46,7 @@ enum Command {
     Diff(diff::DiffArgs),
     Ab(Box<ab::AbArgs>),
     Inspect(inspect::InspectArgs),
+    Selftest(selftest::SelftestArgs),
 }
 
 /// Runs a parsed command line and says how it went. Errors are printed to standard error.
@@ -55,6 +57,7 @@ pub fn run(cli: Cli) -> ExitCode {
         Command::Diff(args) => diff::run(&args),
         Command::Ab(args) => ab::run(&args),
         Command::Inspect(args) => inspect::run(&args),
+        Command::Selftest(args) => selftest::run(&args),
     };
     match result {
         Ok(code) => ExitCode::from(code),

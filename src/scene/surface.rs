@@ -45,8 +45,9 @@ impl SurfacePoint {
         let indices = mesh.triangles()[triangle as usize].map(|i| i as usize);
         let [a, b, c] = indices.map(|i| mesh.positions()[i]);
         let w = 1.0 - u - v;
-        let p = a * w + b * u + c * v;
         let (e1, e2) = (b - a, c - a);
+        let along = e1 * u + e2 * v;
+        let p = a + along;
         let n = e1.cross(e2);
         let length2 = n.length_squared();
         let mut ng = if length2 > f32::MIN_POSITIVE && length2 < f32::MAX {
@@ -72,8 +73,11 @@ impl SurfacePoint {
             let [ta, tb, tc] = indices.map(|i| mesh.uvs()[i]);
             ta * w + tb * u + tc * v
         };
-        let reach = (a - p).abs().max((b - p).abs()).max((c - p).abs());
-        let p_err = PLANE_TEST_ERROR * (reach + p.abs()).max_element();
+        let reach = along.abs().max((e1 - along).abs()).max((e2 - along).abs());
+        // Errors along the plane do no harm, and each axis has its own: a floor may be a million wide, if it lies along the axes. The
+        // normal's own rounding is what is added to it.
+        let across = ng.abs() + f32::EPSILON;
+        let p_err = PLANE_TEST_ERROR * across.dot(reach + p.abs());
         Self { p, p_err, ng, ns, uv, shape, primitive: triangle }
     }
 

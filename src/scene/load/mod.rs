@@ -10,6 +10,7 @@ mod edit;
 mod error;
 pub(crate) mod exr;
 mod image;
+mod judge;
 mod mesh;
 pub mod mitsuba;
 mod mtl;
@@ -80,6 +81,7 @@ pub fn load(path: &Path, options: &LoadOptions) -> Result<Loaded, LoadError> {
             return Err(LoadError::new(Location::file(path), found, expected));
         }
     };
+    judge::shapes(path, &scene.shapes, &mut log);
     Ok(Loaded { scene, warnings: log.warnings, files: log.files, origins })
 }
 
@@ -90,6 +92,7 @@ pub fn load(path: &Path, options: &LoadOptions) -> Result<Loaded, LoadError> {
 pub fn load_text(text: &str, directory: &Path, options: &LoadOptions) -> Result<Loaded, LoadError> {
     let mut log = Log { lenient: options.lenient, ..Log::default() };
     let (scene, origins) = mitsuba::load(mitsuba::Text::Memory(text, directory), options, &mut log)?;
+    judge::shapes(directory, &scene.shapes, &mut log);
     Ok(Loaded { scene, warnings: log.warnings, files: log.files, origins })
 }
 
