@@ -177,7 +177,7 @@ fn findings_name_what_is_odd_and_nothing_else() {
     assert_eq!(kinds(&found), [FindingKind::DegenerateTriangles]);
     let text = &findings(&found, &Requirements::of(&found))[0].text;
     assert!(text.contains("2 of 4 triangles"), "{text}");
-    // 2e6 from the origin numbers are 0.25 apart (1e4: 0.001 of 3.5).
+    // The cube is 3.5 across. Numbers are 0.125 apart at 2e6, and 0.00012 at 2e3.
     for (distance, expected) in [(2e6, &[FindingKind::FarFromOrigin] as &[_]), (2e3, &[])] {
         let far = lit().shape(cube(Vec3::Z * distance, false), diffuse(0.5), None);
         assert_eq!(kinds(&far), expected, "{distance}");
@@ -211,6 +211,7 @@ fn the_scenes_of_the_project_are_not_odd() {
 /// What only one integrator does not do, and what needs the right light and lens.
 #[test]
 fn abilities_depend_on_lights_and_lens() {
+    use Ability::{Cannot, Poorly, Well};
     let glass_ball =
         || empty().shape(sphere(Vec3::Z, 0.2), glass(), None).shape(sphere(Vec3::Y, 0.2), diffuse(0.5), None);
     let lamp = Requirements::of(&glass_ball().shape(sphere(Vec3::X, 0.1), diffuse(0.0), Some(Rgb::ONE)));
@@ -219,7 +220,6 @@ fn abilities_depend_on_lights_and_lens() {
     let sky = Requirements::of(&glass_ball().emitter(Emitter::Constant { radiance: Rgb::ONE }));
     let lens = Requirements { has_lens: true, ..lamp.clone() };
     let able = |name, needs: &Requirements, class| integrator(name, "").ability(class, needs);
-    use Ability::{Cannot, Poorly, Well};
     for (name, [by_point, by_lamp, by_sky]) in [
         ("path", [Cannot, Poorly, Well]),
         ("bdpt", [Well, Well, Well]),
@@ -289,12 +289,12 @@ impl BackendTest for Verified<'_> {
 /// Decided by 6 errors with 14 degrees of freedom, 44 verdicts in each of five scenes: a false alarm in 100 changes of the random numbers, and none without.
 #[test]
 fn what_the_table_predicts_is_measured() {
-    use PathClass::{Caustic, CausticMirrored, Direct, DirectMirrored, Emission, Indirect, IndirectMirrored};
+    use PathClass::{Caustic, Direct, DirectMirrored, Indirect, IndirectMirrored};
     for (name, carries) in [
         ("glass-spheres.xml", &[Direct, DirectMirrored, Indirect, Caustic] as &[_]),
-        ("ring.xml", &[Direct, DirectMirrored, Caustic, CausticMirrored]),
+        ("ring.xml", &[Direct, DirectMirrored, Caustic]),
         ("lens.xml", &[DirectMirrored, IndirectMirrored]),
-        ("open-world.xml", &[Emission, Direct, Indirect]),
+        ("open-world.xml", &[Direct, Indirect]),
     ] {
         let scene = scene_file(name);
         on_first_backend(&scene.shapes, &Verified { name, scene: scene.clone(), carries });

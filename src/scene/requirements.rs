@@ -159,6 +159,8 @@ impl PathClass {
 
 /// Which lobes the materials of surfaces have.
 #[derive(Debug, Clone, Copy, Default, PartialEq, Eq)]
+// Independent facts of which any may hold, no states.
+#[allow(clippy::struct_excessive_bools)]
 pub struct Lobes {
     /// Lambertian reflection.
     pub diffuse: bool,
