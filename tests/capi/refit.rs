@@ -86,6 +86,10 @@ fn obvhs_after_a_deformation() {
 fn embree_after_a_deformation() {
     use helmholtz::query::embree::{EmbreeQuery, EmbreeSettings};
 
+    fn new(shapes: &[Shape], settings: EmbreeSettings) -> EmbreeQuery<'_> {
+        EmbreeQuery::new(shapes, settings).unwrap()
+    }
+
     for compact in [false, true] {
         let settings = EmbreeSettings { compact, ..EmbreeSettings::default() };
         for update in [Update::Rebuild, Update::Refit] {
@@ -96,18 +100,18 @@ fn embree_after_a_deformation() {
                 let query = detached.attach(&shapes, settings, update).unwrap();
                 assert_same(
                     &query,
-                    &EmbreeQuery::new(&shapes, settings).unwrap(),
+                    &new(&shapes, settings),
                     &format!("embree, compact {compact}, {update:?}"),
                 );
                 detached = query.detach();
             }
             shapes[3].material = helmholtz::scene::MaterialId(3);
             let query = detached.attach(&shapes, settings, update).unwrap();
-            assert_same(&query, &EmbreeQuery::new(&shapes, settings).unwrap(), "embree, another material");
+            assert_same(&query, &new(&shapes, settings), "embree, another material");
             detached = query.detach();
             shapes.pop();
             let query = detached.attach(&shapes, settings, update).unwrap();
-            assert_same(&query, &EmbreeQuery::new(&shapes, settings).unwrap(), "embree, a shape less");
+            assert_same(&query, &new(&shapes, settings), "embree, a shape less");
             // Nothing of it may be looked at while it is detached: the shapes are gone.
             let detached = query.detach();
             drop(shapes);
