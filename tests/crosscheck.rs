@@ -236,6 +236,7 @@ fn each_kind_of_lie_is_found_and_the_liar_named() {
 }
 
 /// Rays from within a closed mesh, aimed at its vertices and edges exactly.
+#[cfg(feature = "embree")]
 fn aimed(positions: &[DVec3], triangles: &[[u32; 3]], mut ask: impl FnMut(&Ray)) {
     let mut rng = Rng(33);
     let middles = triangles.iter().map(|&[a, b, _]| (positions[a as usize] + positions[b as usize]) * 0.5);

@@ -19,12 +19,7 @@ pub(super) enum Detached {
 }
 
 /// A query over a scene; of `built`, what still holds is used again.
-fn build<'s>(
-    scene: &'s Scene,
-    built: Option<Detached>,
-    backend: Backend,
-    update: Update,
-) -> Outcome<AnyQuery<'s>> {
+fn build(scene: &Scene, built: Option<Detached>, backend: Backend, update: Update) -> Outcome<AnyQuery<'_>> {
     match (backend, built) {
         #[cfg(feature = "embree")]
         (Backend::Embree(settings), Some(Detached::Embree(built))) => {
@@ -124,11 +119,11 @@ impl Prepared {
         (scene.into_inner(), built)
     }
 
-    pub(super) fn query<'a>(&'a self) -> &'a AnyQuery<'a> {
+    pub(super) fn query(&self) -> &AnyQuery<'_> {
         &self.query
     }
 
-    pub(super) fn world<'a>(&'a self) -> &'a World<'a> {
+    pub(super) fn world(&self) -> &World<'_> {
         &self.world
     }
 

@@ -143,7 +143,9 @@ impl Contents {
                 this.triangles_placed += parts.iter().map(triangles).sum::<u64>();
                 if !groups.contains(&std::sync::Arc::as_ptr(group)) {
                     groups.push(std::sync::Arc::as_ptr(group));
-                    parts.iter().for_each(|part| this.hold(part));
+                    for part in parts {
+                        this.hold(part);
+                    }
                 }
             } else {
                 this.triangles_placed += triangles(shape);

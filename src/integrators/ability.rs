@@ -78,7 +78,6 @@ impl Integrator {
     /// What is wrong with its image however many passes are made; `None` if nothing is.
     pub fn bias(&self) -> Option<&'static str> {
         match self {
-            Self::Backward(_) | Self::Forward(_) | Self::Bidirectional(_) => None,
             Self::PhotonMap(_) => Some("photons blur light over their disc and darken edges"),
             Self::VirtualLights(vpl) if vpl.visibility == Visibility::None => {
                 Some("without visibility indirect light has no shadows")
@@ -89,7 +88,7 @@ impl Integrator {
             Self::VirtualLights(vpl) if vpl.visibility != Visibility::Rays => {
                 Some("shadow maps blur indirect shadows")
             }
-            Self::VirtualLights(_) => None,
+            Self::Backward(_) | Self::Forward(_) | Self::Bidirectional(_) | Self::VirtualLights(_) => None,
         }
     }
 }

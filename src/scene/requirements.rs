@@ -247,7 +247,7 @@ impl Requirements {
             used_textures: vec![false; scene.textures.len()],
         };
         for shape in &scene.shapes {
-            this.use_shape(scene, shape);
+            this.use_shape(shape);
         }
         // Materials and textures are made of earlier ones only, so that one way back settles all.
         for index in (0..scene.materials.len()).rev() {
@@ -263,10 +263,10 @@ impl Requirements {
         this
     }
 
-    fn use_shape(&mut self, scene: &Scene, shape: &Shape) {
+    fn use_shape(&mut self, shape: &Shape) {
         if let Geometry::Instance(instance) = &shape.geometry {
             for part in instance.group().shapes() {
-                self.use_shape(scene, part);
+                self.use_shape(part);
             }
             return;
         }
@@ -288,9 +288,9 @@ impl Requirements {
         }
     }
 
-    fn input<T>(&mut self, input: Input<T>) {
+    fn input<T>(&mut self, input: &Input<T>) {
         if let Input::Texture(id) = input {
-            self.mark_texture(id);
+            self.mark_texture(*id);
         }
     }
 
@@ -300,46 +300,46 @@ impl Requirements {
             Material::Diffuse { reflectance } => {
                 // What is black scatters nothing.
                 lobes.diffuse |= *reflectance != Input::Constant(super::Rgb::ZERO);
-                self.input(*reflectance);
+                self.input(reflectance);
             }
             Material::Conductor { eta, k, specular_reflectance } => {
                 lobes.specular = true;
                 for input in [eta, k, specular_reflectance] {
-                    self.input(*input);
+                    self.input(input);
                 }
             }
             Material::RoughConductor { alpha, eta, k, specular_reflectance, .. } => {
                 lobes.rough = true;
                 for input in [eta, k, specular_reflectance] {
-                    self.input(*input);
+                    self.input(input);
                 }
-                self.input(alpha[0]);
-                self.input(alpha[1]);
+                self.input(&alpha[0]);
+                self.input(&alpha[1]);
             }
             Material::Dielectric { specular_reflectance, specular_transmittance, .. }
             | Material::ThinDielectric { specular_reflectance, specular_transmittance, .. } => {
                 lobes.specular = true;
-                self.input(*specular_reflectance);
-                self.input(*specular_transmittance);
+                self.input(specular_reflectance);
+                self.input(specular_transmittance);
             }
             Material::RoughDielectric { alpha, specular_reflectance, specular_transmittance, .. } => {
                 lobes.rough = true;
-                self.input(*specular_reflectance);
-                self.input(*specular_transmittance);
-                self.input(alpha[0]);
-                self.input(alpha[1]);
+                self.input(specular_reflectance);
+                self.input(specular_transmittance);
+                self.input(&alpha[0]);
+                self.input(&alpha[1]);
             }
             Material::Plastic { roughness, diffuse_reflectance, specular_reflectance, .. } => {
                 lobes.diffuse = true;
                 lobes.rough |= roughness.is_some();
                 lobes.specular |= roughness.is_none();
-                self.input(*diffuse_reflectance);
-                self.input(*specular_reflectance);
+                self.input(diffuse_reflectance);
+                self.input(specular_reflectance);
             }
             Material::Principled(p) => {
                 lobes.diffuse = true;
                 lobes.rough = true;
-                self.input(p.base_color);
+                self.input(&p.base_color);
                 let numbers = [
                     p.roughness,
                     p.anisotropic,
@@ -353,7 +353,7 @@ impl Requirements {
                     p.clearcoat_gloss,
                 ];
                 for input in numbers {
-                    self.input(input);
+                    self.input(&input);
                 }
             }
             Material::Null => lobes.straight = true,
@@ -363,18 +363,18 @@ impl Requirements {
             }
             Material::Mask { opacity, material } => {
                 lobes.straight |= *opacity != Input::Constant(1.0);
-                self.input(*opacity);
+                self.input(opacity);
                 self.mark_material(*material);
             }
             Material::Blend { weight, first, second } => {
-                self.input(*weight);
+                self.input(weight);
                 self.mark_material(*first);
                 self.mark_material(*second);
             }
             Material::Perturbed { by, material, .. } => {
                 match by {
                     Perturbation::Bump { texture, .. } => self.mark_texture(*texture),
-                    Perturbation::Normal(normal) => self.input(*normal),
+                    Perturbation::Normal(normal) => self.input(normal),
                 }
                 self.mark_material(*material);
             }
@@ -384,8 +384,8 @@ impl Requirements {
     fn use_texture(&mut self, texture: &Texture) {
         match texture {
             Texture::Checkerboard { color0, color1, .. } => {
-                self.input(*color0);
-                self.input(*color1);
+                self.input(color0);
+                self.input(color1);
             }
             Texture::Scale { texture, .. } => self.mark_texture(*texture),
             Texture::Bitmap(_) | Texture::MeshAttribute { .. } => {}

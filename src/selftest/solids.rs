@@ -136,7 +136,7 @@ impl Solid {
 /// # Errors
 /// If that leads out of the range of coordinates.
 pub fn quad(corner: DVec3, ex: DVec3, ey: DVec3) -> Result<TriangleMesh, MeshError> {
-    let positions = [corner, corner + ex, corner + ex + ey, corner + ey].map(|p| p.as_vec3()).to_vec();
+    let positions = [corner, corner + ex, corner + ex + ey, corner + ey].map(DVec3::as_vec3).to_vec();
     TriangleMesh::new(positions, vec![[0, 1, 2], [0, 2, 3]], Vec::new(), Vec::new(), false)
 }
 

@@ -144,6 +144,8 @@ fn main() {
     // SAFETY: a text.
     ok(unsafe { helmholtz_scene_set_backend(scene, c"obvhs".as_ptr(), 0) });
     ok(helmholtz_scene_commit(scene));
-    compare_rays(scene, &ObvhsQuery::new(&loaded.scene.shapes, BuildQuality::Medium));
+    let query = ObvhsQuery::new(&loaded.scene.shapes, BuildQuality::Medium);
+    compare_rays(scene, &query);
+    compare_renders(scene, &loaded.scene, &query);
     ok(helmholtz_scene_free(scene));
 }

@@ -99,10 +99,11 @@ impl Block {
             let d = line / distance;
             let (cos_x, shading_x) = (-d.dot(to.ng), -d.dot(to.ns));
             let (cos_y, shading_y) = (d.dot(self.ng.get(lane)), d.dot(self.ns.get(lane)));
-            // No `&&`: nothing here may branch. NaN, of a distance of 0, fails.
-            let is_lit = (cos_x > 0.0) & (shading_x > 0.0) & (cos_y > 0.0) & (shading_y > 0.0);
+            // No `&&`: nothing here may branch. NaN, of a distance of 0, is not above 0.
+            let least = cos_x.min(shading_x).min(cos_y.min(shading_y));
             let term = (cos_x * cos_y / distance_squared).min(clamp) * (shading_x / cos_x);
-            seen.share[lane] = if is_lit & (self.depth[lane] <= max_depth) { term } else { 0.0 };
+            let lit = if least > 0.0 { term } else { 0.0 };
+            seen.share[lane] = if self.depth[lane] <= max_depth { lit } else { 0.0 };
             seen.d.set(lane, d);
             seen.distance[lane] = distance;
             seen.cos[lane] = cos_x;

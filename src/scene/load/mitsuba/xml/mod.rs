@@ -130,6 +130,7 @@ pub(super) struct Document {
 }
 
 /// Where a scene is read from.
+#[derive(Clone, Copy)]
 pub(in super::super) enum Text<'a> {
     /// A file.
     File(&'a Path),
