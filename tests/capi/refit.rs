@@ -40,7 +40,11 @@ fn deform(shapes: &mut [Shape], phase: f64) {
 
 fn rays() -> Vec<Ray> {
     let mut rng = Rng(7);
-    let mut ray = || Ray::new((rng.cube() * 2.5).as_vec3(), rng.direction().as_vec3());
+    // Most of them towards the shapes.
+    let mut ray = || {
+        let (from, to) = (rng.cube() * 2.5, rng.cube());
+        Ray::new(from.as_vec3(), (to - from).normalize().as_vec3())
+    };
     (0..40_000).map(|_| ray()).collect()
 }
 
