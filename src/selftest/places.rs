@@ -105,7 +105,7 @@ pub(super) fn check_place(bench: &Bench) -> Result<Vec<Finding>, SelftestError> 
 }
 
 /// Name, passes, parameters, whether edges are dark, whether it reaches flat and long boxes.
-type Algorithm = (&'static str, u32, &'static [(&'static str, &'static str)], bool, bool);
+type FurnaceCase = (&'static str, u32, &'static [(&'static str, &'static str)], bool, bool);
 
 /// Turned by odd angles, mirrored, and squeezed to 1 : 1e4, each against the closed form: inside a closed surface that glows and reflects diffusely, radiance is the same
 /// everywhere, whatever its shape.
@@ -130,7 +130,7 @@ pub(super) fn check_orientation(bench: &Bench) -> Result<Vec<Finding>, SelftestE
         Ok::<_, SelftestError>(mean_and_error(&images(bench, &scene, algorithm, 0..64, more * passes)?))
     };
     // Passes for an error below half a percent; and whether edges are dark, and whether the integrator reaches flat and long boxes.
-    let algorithms: [Algorithm; 6] = [
+    let algorithms: [FurnaceCase; 6] = [
         ("path", 1, &[], false, true),
         ("ptracer", 16, &[], false, false),
         ("bdpt", 1, &[], false, true),

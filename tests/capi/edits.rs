@@ -1,5 +1,6 @@
 //! Scenes that were edited are those that would have been loaded so: their images are the same, bit for bit.
 
+use std::fmt::Write;
 use std::path::Path;
 use std::sync::Arc;
 
@@ -77,10 +78,10 @@ fn a_mesh_in_memory_is_the_same_as_its_file() {
         mesh.triangles.len()
     );
     for p in &mesh.positions {
-        ply += &format!("{} {} {}\n", p.x, p.y, p.z);
+        writeln!(ply, "{} {} {}", p.x, p.y, p.z).expect("memory");
     }
     for [a, b, c] in &mesh.triangles {
-        ply += &format!("3 {a} {b} {c}\n");
+        writeln!(ply, "3 {a} {b} {c}").expect("memory");
     }
     std::fs::write(folder.path().join("ball.ply"), ply).unwrap();
     let file = folder.path().join("scene.xml");
