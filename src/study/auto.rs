@@ -109,7 +109,8 @@ fn expected_error(tried: &[Candidate], which: usize, film_pixels: f64) -> f64 {
         Integrator::PhotonMap(_) => noise * passes.powf(0.3) / 1.3 + BLUR,
         _ => noise,
     };
-    noise + missing(tried, which).powi(2)
+    // Missing light stays missing, however long a render takes: it counts for more than its square.
+    noise + missing(tried, which)
 }
 
 /// Luminance of the pilot's pixels, as the candidates have it in the middle.

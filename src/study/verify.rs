@@ -10,8 +10,11 @@ use crate::scene::requirements::{PathClass, Requirements};
 /// Two estimates differ if that is this many standard errors: with 14 degrees of freedom, once in 30,000 comparisons of normal ones.
 const DIFFERENT: f64 = 6.0;
 
-/// What differs by less than this share is the same all the same: the blur of photons, sampling that is not normal.
+/// What differs by less than this share is the same all the same: errors of noisy estimates are themselves uncertain.
 const TOLERANCE: f64 = 0.03;
+
+/// The same where one is biased: at edges photons of a fixed radius lose 4 % of the light in `scenes/glass-spheres.xml`.
+const BIASED_TOLERANCE: f64 = 0.06;
 
 /// What was measured, and whether that is as predicted.
 #[derive(Debug, Clone, Copy, PartialEq)]
@@ -67,14 +70,19 @@ pub fn judge(tried: &[(Integrator, &Pilot)], needs: &Requirements, length: PathL
     };
     let is_able =
         |integrator: &Integrator| classes.iter().all(|&c| integrator.ability(c, needs) == Ability::Well);
-    let able = tried.iter().filter(|(integrator, _)| is_able(integrator)).map(|(_, pilot)| pilot.total);
-    let whole = able.min_by(|a, b| a.error.total_cmp(&b.error));
+    let able = tried.iter().filter(|(integrator, _)| is_able(integrator));
+    let whole = able.min_by(|(_, a), (_, b)| a.total.error.total_cmp(&b.total.error));
     let judge = |row: &(Integrator, &Pilot)| {
         let mut verdicts: Vec<_> =
             PathClass::ALL.into_iter().enumerate().map(|(i, class)| of_class(i, class)(row)).collect();
         let total = row.1.total;
-        let holds = whole
-            .is_none_or(|whole| !exceeds(&total, &whole) && (!is_able(&row.0) || !exceeds(&whole, &total)));
+        let holds = whole.is_none_or(|(reference, pilot)| {
+            let is_biased = row.0.bias().or(reference.bias()).is_some();
+            let tolerance = if is_biased { BIASED_TOLERANCE } else { TOLERANCE };
+            let whole = pilot.total;
+            !exceeds_beyond(tolerance, &total, &whole)
+                && (!is_able(&row.0) || !exceeds_beyond(tolerance, &whole, &total))
+        });
         verdicts.push(Verdict { measured: Some(total), holds });
         verdicts
     };
@@ -82,5 +90,9 @@ pub fn judge(tried: &[(Integrator, &Pilot)], needs: &Requirements, length: PathL
 }
 
 fn exceeds(a: &Estimate, b: &Estimate) -> bool {
-    a.exceeds_by(b) > DIFFERENT && a.mean > (1.0 + TOLERANCE) * b.mean
+    exceeds_beyond(TOLERANCE, a, b)
+}
+
+fn exceeds_beyond(tolerance: f64, a: &Estimate, b: &Estimate) -> bool {
+    a.exceeds_by(b) > DIFFERENT && a.mean > (1.0 + tolerance) * b.mean
 }
