@@ -133,11 +133,11 @@ impl Prepared {
         (scene.into_inner(), built)
     }
 
-    pub(super) fn query<'a>(&'a self) -> &'a AnyQuery<'a> {
+    pub(super) fn query(&self) -> &AnyQuery<'_> {
         &self.query
     }
 
-    pub(super) fn world<'a>(&'a self) -> &'a World<'a> {
+    pub(super) fn world(&self) -> &World<'_> {
         &self.world
     }
 

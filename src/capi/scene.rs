@@ -303,7 +303,9 @@ pub unsafe extern "C" fn helmholtz_scene_edit(
         let Loading { options, directory, threads } = loading(options)?;
         object.edit(|scene, origins| {
             let warnings = in_pool(threads, || origins.edit(scene, xml, directory, &options))??;
-            warnings.iter().for_each(|warning| object.say(warning.to_string()));
+            for warning in warnings {
+                object.say(warning.to_string());
+            }
             Ok(())
         })
     })
