@@ -300,7 +300,7 @@ pub unsafe extern "C" fn helmholtz_scene_edit(
         let Loading { options, directory, threads } = loading(options)?;
         object.edit(|scene, origins| {
             let warnings = in_pool(threads, || origins.edit(scene, xml, directory, &options))??;
-            for warning in &warnings {
+            for warning in warnings {
                 object.say(warning.to_string());
             }
             Ok(())

@@ -68,7 +68,7 @@ pub fn load(path: &Path, options: &LoadOptions) -> Result<Loaded, LoadError> {
     let mut log = Log { lenient: options.lenient, ..Log::default() };
     let extension = path.extension().unwrap_or_default().to_string_lossy().to_lowercase();
     let (scene, origins) = match extension.as_str() {
-        "xml" => mitsuba::load(mitsuba::Text::File(path), options, &mut log)?,
+        "xml" => mitsuba::load(&mitsuba::Text::File(path), options, &mut log)?,
         "obj" => (obj::load_scene(path, &mut log)?, Origins::default()),
         "ply" => (ply::load_scene(path, &mut log)?, Origins::of_bare_mesh()),
         _ => {
@@ -91,7 +91,7 @@ pub fn load(path: &Path, options: &LoadOptions) -> Result<Loaded, LoadError> {
 /// As of [`load`].
 pub fn load_text(text: &str, directory: &Path, options: &LoadOptions) -> Result<Loaded, LoadError> {
     let mut log = Log { lenient: options.lenient, ..Log::default() };
-    let (scene, origins) = mitsuba::load(mitsuba::Text::Memory(text, directory), options, &mut log)?;
+    let (scene, origins) = mitsuba::load(&mitsuba::Text::Memory(text, directory), options, &mut log)?;
     judge::shapes(directory, &scene.shapes, &mut log);
     Ok(Loaded { scene, warnings: log.warnings, files: log.files, origins })
 }

@@ -67,8 +67,8 @@ pub fn supported() -> Vec<(Category, Description)> {
 }
 
 /// Loads a scene.
-pub(super) fn load(text: Text, options: &LoadOptions, log: &mut Log) -> Result<(Scene, Origins), LoadError> {
-    let document = read(&text, options, log)?;
+pub(super) fn load(text: &Text, options: &LoadOptions, log: &mut Log) -> Result<(Scene, Origins), LoadError> {
+    let document = read(text, options, log)?;
     let built = Builder::new(&document, Vec::new(), Vec::new(), log).build()?;
     let origins = Origins { materials: built.names, placements: built.placements };
     let sensor = built.sensor.unwrap_or_else(|| {
