@@ -4,7 +4,7 @@ use std::path::{Path, PathBuf};
 
 use glam::{UVec2, Vec3};
 use helmholtz::film::{AovSet, Film};
-use helmholtz::integrators::{Integrator, Strategy};
+use helmholtz::integrators::Integrator;
 use helmholtz::query::{AnyQuery, Backend};
 use helmholtz::render::{Control, Stop, Target, render};
 use helmholtz::scene::load::{LoadOptions, load};
@@ -128,11 +128,9 @@ fn odd_contributions_are_counted_for_each_strategy() {
     let sky = Emitter::Constant { radiance: Rgb::new(1.0, -0.5, 1.0) };
     let (dropped, odd) = run(&empty().shape(floor(), diffuse(0.5), None).emitter(sky));
     assert_eq!((dropped.samples, dropped.negative, dropped.example_passes()), (0, 64, vec![0]));
-    let hits = odd[&Strategy { s: 0, t: 2 }];
-    let lit = odd[&Strategy { s: 1, t: 2 }];
-    assert!(hits.negative > 20 && hits.negative < 60, "{odd:?}");
-    assert_eq!(hits.non_finite + lit.non_finite, 0);
-    assert!(hits.negative + lit.negative > 55, "{odd:?}");
+    // Whether light is found by chance or by sampling depends on the view; that all of it is negative does not.
+    assert!(odd.values().all(|count| count.non_finite == 0), "{odd:?}");
+    assert!(odd.values().map(|count| count.negative).sum::<u64>() >= 64, "{odd:?}");
 
     let sky = Emitter::Constant { radiance: Rgb::ONE };
     let bright = empty().shape(floor(), diffuse(1e30), None).shape(roof(), diffuse(1e30), None).emitter(sky);
