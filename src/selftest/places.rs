@@ -10,18 +10,18 @@ use super::{Bench, Effort, Finding, Group, SelftestError};
 use crate::scene::Scene;
 
 /// Pixels along a side of images that are compared with the same paths elsewhere.
-const PAIRED_SIZE: u32 = 16;
+pub(super) const PAIRED_SIZE: u32 = 16;
 
 /// Passes of those.
 const PAIRED_PASSES: u32 = 16;
 
 /// By how much means over two images differ, relative to the first.
-fn difference(a: &Rendered, b: &Rendered) -> f64 {
+pub(super) fn difference(a: &Rendered, b: &Rendered) -> f64 {
     ((b.mean() - a.mean()) / a.mean()).abs()
 }
 
 /// Renders a scene in two forms by the same random numbers with each integrator; a finding for each by `measure`.
-fn paired(
+pub(super) fn paired(
     bench: &Bench,
     group: Group,
     algorithms: &[Algorithm],

@@ -78,7 +78,7 @@ fn acne_is_found() {
     assert!(own_hits(&sunk, &shapes, 4096, 2) > 500);
 }
 
-/// An absolute epsilon lets rays pass a sheet that is nearer than that.
+/// An absolute epsilon lets rays pass a sheet that is nearer than that: of two random points of the sheets, some 3 % are.
 #[test]
 fn leaks_are_found() {
     let turn = DQuat::from_euler(glam::EulerRot::XYZ, 0.7, -1.1, 2.3);
@@ -86,8 +86,8 @@ fn leaks_are_found() {
     let sheets =
         [quad(DVec3::ZERO, ex, ey).expect("in range"), quad(gap, ey, ex).expect("in range")].map(shape);
     assert_eq!(sandwich_leaks(&query(&sheets), &sheets, 4096, 3), 0);
-    let blind = Moved(query(&sheets), |ray: Ray| Ray { t_min: 1e-4, ..ray });
-    assert!(sandwich_leaks(&blind, &sheets, 4096, 3) > 0);
+    let blind = Moved(query(&sheets), |ray: Ray| Ray { t_min: 0.1, ..ray });
+    assert!(sandwich_leaks(&blind, &sheets, 4096, 3) > 40);
     // Nearer to each other than the error bound: the bound itself makes rays start behind the other sheet.
     let near = [quad(DVec3::ZERO, ex, ey).expect("in range"), quad(gap * 1e-4, ey, ex).expect("in range")]
         .map(shape);

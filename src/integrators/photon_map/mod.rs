@@ -52,7 +52,7 @@ pub enum Lookup {
     Nearest {
         /// How many.
         k: u32,
-        /// Those farther away than this do not count, in world units. `None`: 1/20 of the radius of a sphere around scene and camera.
+        /// Those farther away than this do not count, in world units. `None`: 1/8 of the radius of a sphere around scene and camera.
         radius: Option<f32>,
     },
     /// All nearer than a radius in world units, `None`: 1/200 of the radius of a sphere around scene and camera.

@@ -18,7 +18,7 @@ const DEFAULT_RADIUS: f32 = 1.0 / 200.0;
 
 /// Largest disc of the nearest photons by default, in those radii. Without a bound, a place that has fewer than `k` photons on its side, such as the back of a lamp,
 /// would look at all the photons there are: a pass with final gathering took minutes instead of seconds.
-const LARGEST_OF_NEAREST: f32 = 10.0;
+const LARGEST_OF_NEAREST: f32 = 25.0;
 
 /// Photons that a pass may store, 2 GiB of them; their number follows from the scene only when they are traced.
 const MAX_STORED: usize = 1 << 26;
