@@ -9,7 +9,7 @@ use helmholtz::query::{AnyQuery, Backend};
 use helmholtz::render::{Control, Stop, Target, render};
 use helmholtz::scene::load::{LoadOptions, load};
 use helmholtz::scene::{Emitter, PixelRect, Rgb, Scene};
-use helmholtz::strategies::{OddCount, odd_contributions};
+use helmholtz::strategies::odd_contributions;
 use helmholtz::transport::World;
 
 use crate::scene_builder::{Build, diffuse, empty, quad};
@@ -111,11 +111,10 @@ fn large_scenes_have_no_odd_contributions_and_no_faults() {
     assert!(check_all(&folder, 4, is_large) >= 3);
 }
 
-/// A floor under a sky of which one colour is negative, and a floor that returns 1e30 times what it gets.
+/// A floor under a sky of which one colour is negative. (What is not finite cannot be had from a scene: reflectances beyond 1 are cut.)
 #[test]
 fn odd_contributions_are_counted_for_each_strategy() {
     let floor = || quad(Vec3::new(-5.0, -1.0, -5.0), Vec3::Z * 10.0, Vec3::X * 10.0);
-    let roof = || quad(Vec3::new(-5.0, 2.0, -5.0), Vec3::X * 10.0, Vec3::Z * 10.0);
     let run = |scene: &Scene| {
         let query = Backend::Crosscheck.build(&scene.shapes).expect("built");
         let world = World::new(scene);
@@ -131,13 +130,4 @@ fn odd_contributions_are_counted_for_each_strategy() {
     // Whether light is found by chance or by sampling depends on the view; that all of it is negative does not.
     assert!(odd.values().all(|count| count.non_finite == 0), "{odd:?}");
     assert!(odd.values().map(|count| count.negative).sum::<u64>() >= 64, "{odd:?}");
-
-    let sky = Emitter::Constant { radiance: Rgb::ONE };
-    let bright = empty().shape(floor(), diffuse(1e30), None).shape(roof(), diffuse(1e30), None).emitter(sky);
-    let (dropped, odd) = run(&bright);
-    assert!(dropped.samples > 0 && dropped.negative == 0, "{dropped:?}");
-    let non_finite: u64 = odd.values().map(|count: &OddCount| count.non_finite).sum();
-    assert!(non_finite > 0, "{odd:?}");
-    // Beyond two bounces 1e60 does not fit.
-    assert!(odd.keys().all(|strategy| strategy.s + strategy.t > 3), "{odd:?}");
 }

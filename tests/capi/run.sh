@@ -27,8 +27,7 @@ vendor-notes/install-cargo-c.sh "$work/cargo-c"
 say 'installing the library'
 rm -rf "$prefix"
 # A directory of its own: cargo-c holds another cargo, whose results ours would not use, and throw away.
-# Sixteen units compile in half the time, and no bit of an image depends on it.
-CARGO_PROFILE_RELEASE_CODEGEN_UNITS=16 CARGO_TARGET_DIR=$work/build "$work/cargo-c/cargo-c" install --release --prefix="$prefix" --libdir="$prefix/lib"
+CARGO_TARGET_DIR=$work/build "$work/cargo-c/cargo-c" install --release --prefix="$prefix" --libdir="$prefix/lib"
 export PKG_CONFIG_PATH=$prefix/lib/pkgconfig
 export LD_LIBRARY_PATH=$prefix/lib
 cargo build --release
