@@ -10,6 +10,7 @@ use super::vpl::VplSet;
 use crate::film::{SampledArea, Splat};
 use crate::query::RayQuery;
 use crate::sampling::Sampler;
+use crate::sampling::sampler::mix;
 use crate::transport::World;
 
 /// All that the samples and light paths of a pass depend on, but for the integrator's parameters.
@@ -115,6 +116,7 @@ impl<Q> Pass<'_, '_, Q> {
     pub fn light_sampler(&self, slot: u64, count: u64) -> Sampler {
         let path = u64::from(self.index) * count + slot;
         let index = path & ((1 << LIGHT_PATHS_PER_STREAM_LOG2) - 1);
+        let index = index & !0xff | u64::from(shuffled(index as u8, mix(self.seed ^ path >> 8)));
         Sampler::new(self.seed, LIGHT_STREAM | path >> LIGHT_PATHS_PER_STREAM_LOG2, index as u32)
     }
 
@@ -124,6 +126,17 @@ impl<Q> Pass<'_, '_, Q> {
         let min = self.area.min.as_vec2();
         film.cmpge(min).all() && film.cmplt(min + self.area.size.as_vec2()).all()
     }
+}
+
+/// Where a number is in a permutation of 0 to 255 that depends on `key`. The light path that goes with a pixel is so no neighbour in the sequence of those of the pixels beside
+/// it: their likeness, in order, was seen as stripes. Which paths there are in 256 pixels stays the same.
+#[inline]
+fn shuffled(i: u8, key: u64) -> u8 {
+    let [a, b, c, d, ..] = key.to_le_bytes();
+    // Products with odd numbers and shifted sums have inverses.
+    let i = (i ^ a).wrapping_mul(b | 1);
+    let i = (i ^ i >> 4).wrapping_add(c).wrapping_mul(d | 1);
+    i ^ i >> 3
 }
 
 /// Memory that one thread works in, used again for path after path.
@@ -137,4 +150,18 @@ pub struct Scratch<'w> {
     pub splats: Vec<Splat>,
     /// Rays traced, closest-hit and occlusion.
     pub rays: u64,
+}
+
+#[cfg(test)]
+mod tests {
+    use super::{mix, shuffled};
+
+    #[test]
+    fn shuffling_leaves_nothing_out() {
+        for key in (0..1000).map(mix) {
+            let mut seen = [false; 256];
+            (0..=255).for_each(|i| seen[usize::from(shuffled(i, key))] = true);
+            assert_eq!(seen, [true; 256]);
+        }
+    }
 }

@@ -328,7 +328,7 @@ impl BackendTest for Long<'_> {
     }
 }
 
-/// `cargo test --release -- --ignored --nocapture kinds::long`. Takes long, and no figures are recorded yet.
+/// `cargo test --release -- --ignored --nocapture kinds::long`. Takes five minutes; figures are in `vendor-notes/measurements.md`.
 #[test]
 #[ignore = "takes minutes"]
 fn long_smooth_shaded_and_bumped() {

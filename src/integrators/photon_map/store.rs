@@ -20,7 +20,7 @@ use crate::film::output::AtomicFile;
 use crate::film::state::{RenderIdentity, StateErrorKind};
 
 const MAGIC: [u8; 8] = *b"HELMPHOT";
-const VERSION: u32 = 2;
+const VERSION: u32 = 3;
 /// Index that no pass has.
 const END: u32 = u32::MAX;
 const PHOTON_BYTES: u64 = size_of::<Photon>() as u64;
