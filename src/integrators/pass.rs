@@ -95,11 +95,18 @@ impl<Q> Pass<'_, '_, Q> {
         u64::from(self.area.size.x) * u64::from(self.area.size.y)
     }
 
-    /// The light path that goes with a pixel of the sampled area, in [0, `light_paths`).
+    /// The light path that goes with a pixel of the sampled area, in [0, `light_paths`). Within whole blocks of 256 pixels they are shuffled: neighbours in the light paths'
+    /// sequence are alike in some ways, which showed as stripes when pixels took them in order.
     #[inline]
     pub fn slot(&self, pixel: IVec2) -> u64 {
         let at = (pixel - self.area.min).as_uvec2();
-        u64::from(at.y) * u64::from(self.area.size.x) + u64::from(at.x)
+        let slot = u64::from(at.y) * u64::from(self.area.size.x) + u64::from(at.x);
+        let block = slot >> 8;
+        if (block + 1) << 8 > self.light_paths() {
+            return slot;
+        }
+        let key = mix(self.seed ^ mix(u64::from(self.index) << 32 | block));
+        block << 8 | u64::from(shuffled(slot as u8, key))
     }
 
     /// Random numbers of a pixel's camera sample.
@@ -116,7 +123,6 @@ impl<Q> Pass<'_, '_, Q> {
     pub fn light_sampler(&self, slot: u64, count: u64) -> Sampler {
         let path = u64::from(self.index) * count + slot;
         let index = path & ((1 << LIGHT_PATHS_PER_STREAM_LOG2) - 1);
-        let index = index & !0xff | u64::from(shuffled(index as u8, mix(self.seed ^ path >> 8)));
         Sampler::new(self.seed, LIGHT_STREAM | path >> LIGHT_PATHS_PER_STREAM_LOG2, index as u32)
     }
 
@@ -128,8 +134,7 @@ impl<Q> Pass<'_, '_, Q> {
     }
 }
 
-/// Where a number is in a permutation of 0 to 255 that depends on `key`. The light path that goes with a pixel is so no neighbour in the sequence of those of the pixels beside
-/// it: their likeness, in order, was seen as stripes. Which paths there are in 256 pixels stays the same.
+/// Where a number is in a permutation of 0 to 255 that depends on `key`.
 #[inline]
 fn shuffled(i: u8, key: u64) -> u8 {
     let [a, b, c, d, ..] = key.to_le_bytes();
