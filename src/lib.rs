@@ -10,16 +10,17 @@
 //! |---|---|
 //! | [`cli`] | one file per subcommand; all printing to people happens there |
 //! | [`capi`] | the C interface: handles, status codes, no panic across the border |
-//! | [`study`] | the trade, measured: errors of images, backends side by side, what a scene's light is made of, which integrator suits it, rendering to an error |
 //! | [`selftest`] | checks at the extremes of scale, place, roughness, radiance |
-//! | [`render`] | the driver: passes, threads, progress, stop conditions, checkpoints |
+//! | [`study`] | the trade, measured: errors of images, backends side by side, what a scene's light is made of, which integrator suits it, rendering to an error |
 //! | [`strategies`] | the driver for images of single strategies |
+//! | [`render`] | the driver: passes, threads, progress, stop conditions, checkpoints |
 //! | [`integrators`] | one file or folder per algorithm |
 //! | [`transport`] | what integrators share: BSDFs, emitters, camera importance, subpath walk, MIS |
 //! | [`film`] | accumulation, reconstruction filters, AOVs, EXR and PNG output |
 //! | [`sampling`] | sampler (per pixel, pass and dimension), warps, discrete distributions |
 //! | [`query`] | closest-hit and occlusion queries: Embree, obvhs, one checked against the other |
 //! | [`processor`] | whether this machine's processor suits this build |
+//! | [`spec`] | things with parameters in a line of text, as the command line and the C interface name them |
 //! | [`scene`] | plain data: shapes, materials, emitters, camera; and the loaders |
 //!
 //! ## One pass is a function
@@ -40,6 +41,7 @@ pub mod render;
 pub mod sampling;
 pub mod scene;
 pub mod selftest;
+pub mod spec;
 pub mod strategies;
 pub mod study;
 pub mod transport;

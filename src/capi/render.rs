@@ -20,13 +20,13 @@ use super::types::{
     helmholtz_progress, helmholtz_progress_function, helmholtz_render, helmholtz_render_options,
     helmholtz_scene, helmholtz_status, helmholtz_status as Status,
 };
-use crate::cli::parse;
 use crate::film::{Aov, AovSet, Film, Image, output};
 use crate::integrators::{Integrator, IntegratorError};
 use crate::query::RayQuery;
 use crate::query::with_query;
 use crate::render::{Control, Progress, Stop, Target, render_shared};
 use crate::scene::IntegratorSettings;
+use crate::spec::{Spec, spec};
 
 static RENDERS: Registry<Job> = Registry::new("render");
 
@@ -52,7 +52,7 @@ struct JobState {
 
 /// The options of a render, out of the caller's memory.
 struct Options {
-    integrator: Option<parse::Spec>,
+    integrator: Option<Spec>,
     aovs: AovSet,
     seed: u64,
     first_pass: u32,
@@ -112,7 +112,7 @@ impl Options {
         // SAFETY: this function's own contract, here and below.
         let given = unsafe { arguments::read(pointer, "options")? };
         if let Some(text) = unsafe { optional_text(given.integrator, "integrator")? } {
-            let spec = parse::spec(text).map_err(|e| Failure::argument(format!("integrator: {e}")))?;
+            let spec = spec(text).map_err(|e| Failure::argument(format!("integrator: {e}")))?;
             options.integrator = Some(spec);
         }
         // SAFETY: as above.

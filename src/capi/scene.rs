@@ -12,10 +12,10 @@ use super::types::{
     helmholtz_load_options, helmholtz_mesh, helmholtz_scene, helmholtz_scene_info, helmholtz_status,
     helmholtz_status as Status, helmholtz_update,
 };
-use crate::cli::parse;
 use crate::query::{Backend, Update};
 use crate::scene::load::{LoadError, LoadOptions, Loaded, Origins, load, load_text};
 use crate::scene::{Aabb, Scene};
+use crate::spec::spec;
 
 /// All scenes.
 pub(super) static SCENES: Registry<SceneObject> = Registry::new("scene");
@@ -352,8 +352,7 @@ pub unsafe extern "C" fn helmholtz_scene_set_backend(
         let backend = match unsafe { optional_text(backend, "backend")? } {
             None => Backend::default(),
             Some(text) => {
-                let spec =
-                    parse::spec(text).map_err(|error| Failure::argument(format!("backend: {error}")))?;
+                let spec = spec(text).map_err(|error| Failure::argument(format!("backend: {error}")))?;
                 Backend::new(&spec.name, &spec.parameters)?
             }
         };

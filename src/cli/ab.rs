@@ -7,7 +7,7 @@ use glam::UVec2;
 use serde_json::{Value, json};
 
 use super::integrator::Wanted;
-use super::parse::{self, Spec};
+use super::parse;
 use super::render::resize;
 use super::{CliError, EXIT_DONE, EXIT_FAULTS};
 use crate::film::output::write_atomically;
@@ -17,6 +17,7 @@ use crate::query::{Backend, RayQuery};
 use crate::render::Target;
 use crate::scene::Shape;
 use crate::scene::load::{LoadOptions, Loaded, load};
+use crate::spec::{Spec, key_value, spec};
 use crate::study::ab::{self, Effort, KINDS, Report};
 use crate::transport::World;
 
@@ -37,10 +38,10 @@ pub(super) struct AbArgs {
     /// Mitsuba scene (.xml) or mesh (.obj, .ply)
     scene: PathBuf,
     /// The first backend, with settings as in `render --backend` [default: the default backend]
-    #[arg(long, value_name = "NAME:KEY=VALUE,...", value_parser = parse::spec)]
+    #[arg(long, value_name = "NAME:KEY=VALUE,...", value_parser = spec)]
     a: Option<Spec>,
     /// The second
-    #[arg(long, value_name = "NAME:KEY=VALUE,...", value_parser = parse::spec, default_value = "obvhs")]
+    #[arg(long, value_name = "NAME:KEY=VALUE,...", value_parser = spec, default_value = "obvhs")]
     b: Spec,
     /// Passes of the images
     #[arg(long, value_name = "N", value_parser = clap::value_parser!(u32).range(1..), default_value_t = 4)]
@@ -52,7 +53,7 @@ pub(super) struct AbArgs {
     #[arg(long, value_name = "FILE", conflicts_with_all = ["output", "json"])]
     replay: Option<PathBuf>,
     /// Algorithm instead of the scene's, as in `render --integrator`
-    #[arg(long, value_name = "NAME:KEY=VALUE,...", value_parser = parse::spec)]
+    #[arg(long, value_name = "NAME:KEY=VALUE,...", value_parser = spec)]
     integrator: Option<Spec>,
     /// Seed of the random numbers
     #[arg(long, default_value_t = 0)]
@@ -64,7 +65,7 @@ pub(super) struct AbArgs {
     #[arg(long, value_name = "WIDTHxHEIGHT", value_parser = parse::size)]
     size: Option<UVec2>,
     /// Replace $NAME in the scene file
-    #[arg(short = 'D', value_name = "NAME=VALUE", value_parser = parse::key_value)]
+    #[arg(short = 'D', value_name = "NAME=VALUE", value_parser = key_value)]
     define: Vec<(String, String)>,
     /// Replace what is not supported in a scene file, with a warning that says by what
     #[arg(long)]

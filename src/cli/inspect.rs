@@ -8,7 +8,7 @@ use glam::UVec2;
 use serde_json::{Value, json};
 
 use super::integrator::Wanted;
-use super::parse::{self, Spec};
+use super::parse;
 use super::render::resize;
 use super::{CliError, EXIT_DIFFERENT, EXIT_DONE};
 use crate::integrators::photon_map::PhotonMapper;
@@ -19,6 +19,7 @@ use crate::scene::findings::{Finding, findings};
 use crate::scene::load::{LoadOptions, load};
 use crate::scene::requirements::{PathClass, Requirements};
 use crate::scene::{Geometry, Scene, Shape, Texture};
+use crate::spec::{Spec, key_value, spec};
 use crate::study::auto::choose;
 use crate::study::pilot::Pilot;
 use crate::study::verify::{Verdict, judge};
@@ -40,7 +41,7 @@ pub(super) struct InspectArgs {
     /// Mitsuba scene (.xml) or mesh (.obj, .ply)
     scene: PathBuf,
     /// Integrator to judge instead of the scene's, with parameters as of `render`
-    #[arg(long, value_name = "NAME:KEY=VALUE,...", value_parser = parse::spec)]
+    #[arg(long, value_name = "NAME:KEY=VALUE,...", value_parser = spec)]
     integrator: Option<Spec>,
     /// Measure what the table predicts by short renders
     #[arg(long)]
@@ -49,10 +50,10 @@ pub(super) struct InspectArgs {
     #[arg(long, value_name = "WIDTHxHEIGHT", value_parser = parse::size)]
     size: Option<UVec2>,
     /// Ray queries by, as of `render`
-    #[arg(long, value_name = "NAME:KEY=VALUE,...", value_parser = parse::spec)]
+    #[arg(long, value_name = "NAME:KEY=VALUE,...", value_parser = spec)]
     backend: Option<Spec>,
     /// Replace $NAME in the scene file
-    #[arg(short = 'D', value_name = "NAME=VALUE", value_parser = parse::key_value)]
+    #[arg(short = 'D', value_name = "NAME=VALUE", value_parser = key_value)]
     define: Vec<(String, String)>,
     /// Replace what is not supported in a scene file, with a warning that says by what
     #[arg(long)]
@@ -204,7 +205,7 @@ impl<'a> Inspection<'a> {
         };
         let depth = length.max_depth.map_or_else(|| "-1".to_owned(), |depth| depth.to_string());
         let named = |name: &'static str| {
-            let Spec { name: plugin, mut parameters } = parse::spec(name)?;
+            let Spec { name: plugin, mut parameters } = spec(name)?;
             parameters.push(("max_depth".to_owned(), depth.clone()));
             Ok((name, Integrator::new(&plugin, &parameters).map_err(|error| error.to_string())?))
         };

@@ -3,11 +3,11 @@
 use std::time::Instant;
 
 use super::CliError;
-use super::parse::Spec;
 use crate::integrators::{Ability, Integrator, IntegratorError, PathLength};
 use crate::query::RayQuery;
 use crate::scene::requirements::Requirements;
 use crate::scene::{IntegratorSettings, Scene};
+use crate::spec::Spec;
 use crate::study::auto::choose;
 
 /// What the command line calls the choice by a pilot.
@@ -25,7 +25,7 @@ pub(super) enum Wanted {
 }
 
 impl Wanted {
-    /// From `--integrator` and the scene. A lenient answer to an integrator of the scene that there is not is `auto`.
+    /// From `--integrator` and the scene. A lenient answer to an integrator of the scene that there is not is `path`.
     pub(super) fn new(
         spec: Option<&Spec>,
         settings: &IntegratorSettings,

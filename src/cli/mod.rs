@@ -7,7 +7,7 @@ mod inspect;
 mod integrator;
 mod merge;
 mod output;
-pub(crate) mod parse;
+mod parse;
 mod progress;
 mod render;
 mod selftest;

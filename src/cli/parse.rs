@@ -1,4 +1,4 @@
-//! The small languages of arguments: `name:key=value,...`, `640x480`, `10,20,64x48`, `30s`, `0..16`.
+//! The small languages of arguments: `640x480`, `10,20,64x48`, `30s`, `0..16`. What names a thing with parameters is a [`Spec`](crate::spec::Spec).
 
 use std::ops::Range;
 use std::time::Duration;
@@ -6,29 +6,6 @@ use std::time::Duration;
 use glam::UVec2;
 
 use crate::scene::PixelRect;
-
-/// A thing with parameters, as in `path:max_depth=4,rr_depth=8`.
-#[derive(Debug, Clone, PartialEq, Eq)]
-pub(crate) struct Spec {
-    pub name: String,
-    pub parameters: Vec<(String, String)>,
-}
-
-pub(crate) fn spec(text: &str) -> Result<Spec, String> {
-    let (name, rest) = text.split_once(':').unwrap_or((text, ""));
-    if name.is_empty() {
-        return Err("expected a name, perhaps followed by `:key=value,...`".to_owned());
-    }
-    let parameters = rest.split(',').filter(|p| !p.is_empty()).map(key_value).collect::<Result<_, _>>()?;
-    Ok(Spec { name: name.to_owned(), parameters })
-}
-
-pub(super) fn key_value(text: &str) -> Result<(String, String), String> {
-    match text.split_once('=') {
-        Some((key, value)) if !key.is_empty() => Ok((key.to_owned(), value.to_owned())),
-        _ => Err(format!("expected `name=value`, found `{text}`")),
-    }
-}
 
 fn number<T: std::str::FromStr>(text: &str, what: &str) -> Result<T, String> {
     text.trim().parse().map_err(|_| format!("expected {what}, found `{text}`"))
@@ -96,16 +73,6 @@ pub(super) fn passes(text: &str) -> Result<Range<u32>, String> {
 #[cfg(test)]
 mod tests {
     use super::*;
-
-    #[test]
-    fn specs() {
-        let path = spec("path:max_depth=4,rr_depth=8").unwrap();
-        assert_eq!(path.name, "path");
-        assert_eq!(path.parameters, [("max_depth".into(), "4".into()), ("rr_depth".into(), "8".into())]);
-        assert!(spec("path").unwrap().parameters.is_empty());
-        assert!(spec(":a=1").is_err());
-        assert!(spec("path:a").is_err());
-    }
 
     #[test]
     fn sizes_and_crops() {

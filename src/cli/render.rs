@@ -14,7 +14,7 @@ use serde_json::json;
 
 use super::integrator::Wanted;
 use super::output::Outputs;
-use super::parse::{self, Spec};
+use super::parse;
 use super::progress::Bar;
 use super::{CliError, EXIT_DONE, EXIT_FAULTS, EXIT_INTERRUPTED, debug_pixel};
 use crate::film::state::{RenderIdentity, load_state, save_state};
@@ -26,6 +26,7 @@ use crate::query::{AnyQuery, Backend, RayQuery};
 use crate::render::{Control, Progress, Stop, Target, render_with_store};
 use crate::scene::load::{LoadOptions, Loaded, load};
 use crate::scene::{PixelRect, Scene};
+use crate::spec::{Spec, key_value, spec};
 use crate::strategies::{self, OddCount, StrategyImages};
 use crate::study::converge::{ErrorEstimate, Outcome, render_to_error};
 use crate::transport::World;
@@ -89,7 +90,7 @@ pub(super) struct RenderArgs {
     crop: Option<PixelRect>,
     /// Ray queries by: embree (settings robust=true|false, quality=low|medium|high, compact=true|false),
     /// obvhs (setting quality=low|medium|high) or crosscheck (the default, compared query by query with the other; exit code 4 for a fault)
-    #[arg(long, value_name = "NAME:KEY=VALUE,...", value_parser = parse::spec)]
+    #[arg(long, value_name = "NAME:KEY=VALUE,...", value_parser = spec)]
     backend: Option<Spec>,
     /// Algorithm instead of the scene's, which is auto where it names none: auto, whichever of the next ones has the least error at equal cost in a short trial (max_depth, rr_depth); path, paths from the camera (max_depth, rr_depth, hide_emitters); ptracer, paths from the lights
     /// (max_depth, rr_depth, connect=nee|hit|both); bdpt, both and their connections (max_depth, rr_depth, exponent=1|2); photonmapper, photons from
@@ -97,10 +98,10 @@ pub(super) struct RenderArgs {
     /// direct=photons|nee, mode=full|caustic, final_gather, show=radiance|photons); sppm, the same with a radius that shrinks from pass to pass (alpha, and no lookup or k); vpl,
     /// virtual point lights left by paths from the lights (max_depth, rr_depth, count, visibility=none|rays|shadowmap, resolution, bias, clamp, compensate=true|false,
     /// direct=nee|vpl, roughness, samples=all|N)
-    #[arg(long, value_name = "NAME:KEY=VALUE,...", value_parser = parse::spec)]
+    #[arg(long, value_name = "NAME:KEY=VALUE,...", value_parser = spec)]
     integrator: Option<Spec>,
     /// Replace $NAME in the scene file
-    #[arg(short = 'D', value_name = "NAME=VALUE", value_parser = parse::key_value)]
+    #[arg(short = 'D', value_name = "NAME=VALUE", value_parser = key_value)]
     define: Vec<(String, String)>,
     /// Replace what is not supported in a scene file, with a warning that says by what
     #[arg(long)]

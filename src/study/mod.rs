@@ -3,7 +3,7 @@
 //!
 //! [`picture`] reads images of any program, [`metrics`] compares numbers, [`flip`] compares what people see, [`heat`] shows where they differ. [`ab`] runs two
 //! backends on one scene; [`html`] is what reports are made of. [`pilot`] renders a few pixels to learn what carries light, [`auto`] chooses an integrator by that, and [`verify`]
-//! holds it against what integrators should be able to do. [`converge`] renders until the error is small enough. Nothing here prints.
+//! holds it against what integrators should be able to do. [`converge`] renders until the error is small enough. [`results`] is what a study of many configurations measures. Nothing here prints.
 
 pub mod ab;
 pub mod auto;
@@ -14,4 +14,5 @@ pub mod html;
 pub mod metrics;
 pub mod picture;
 pub mod pilot;
+pub mod results;
 pub mod verify;
