@@ -218,8 +218,9 @@ fn bias_words(configuration: &Configuration, conclusion: &Conclusion, results: &
         }
         Some(Some(true)) => {
             let since = conclusion.bias.and_then(|bias| bias.noise_is_less_after);
-            let since =
-                since.map_or_else(String::new, |t| format!("; noise is less than that after about {t:.2} s"));
+            let since = since.map_or_else(String::new, |t| {
+                format!("; noise is less than that after about {} s", seconds(t))
+            });
             format!("its square is {squared:.1e} of the relMSE after {after} s{since}")
         }
     };
@@ -232,7 +233,7 @@ pub fn table(results: &Results, summary: &Summary) -> Vec<Vec<String>> {
     let more = |c: &Conclusion| {
         [
             c.slope.map_or_else(nothing, |s| format!("{:.2}", s.value)),
-            c.efficiency.map_or_else(nothing, |e| format!("{e:.3e}")),
+            c.efficiency.map_or_else(nothing, number),
             c.bias.as_ref().map_or_else(nothing, bias_cell),
             c.time.map_or_else(nothing, |t| format!("{:.3}", t.first_image)),
             format!("{:.1}", mebibytes(c)),
@@ -272,6 +273,11 @@ fn bias_cell(bias: &BiasFloor) -> String {
 
 fn number(value: f64) -> String {
     if value == 0.0 { "0".to_owned() } else { format!("{value:.2e}") }
+}
+
+/// Seconds that are known roughly.
+fn seconds(value: f64) -> String {
+    if value < 10.0 { format!("{value:.2}") } else { format!("{value:.0}") }
 }
 
 fn with_interval(error: Option<&LogMean>) -> String {
@@ -337,10 +343,10 @@ fn limits(summary: &Summary) -> Vec<Vec<String>> {
             c.name.clone(),
             c.slope.map_or_else(nothing, |s| format!("{:.3}", s.value)),
             c.slope.and_then(|s| s.error).map_or_else(nothing, |e| format!("{e:.3}")),
-            c.efficiency.map_or_else(nothing, |e| format!("{e:.3e}")),
+            c.efficiency.map_or_else(nothing, number),
             c.bias.map_or_else(nothing, |b| format!("{:.2e}", b.squared)),
             c.bias.map_or_else(nothing, |b| format!("{:.2e}", b.uncertainty)),
-            c.bias.and_then(|b| b.noise_is_less_after).map_or_else(nothing, |t| format!("{t:.2}")),
+            c.bias.and_then(|b| b.noise_is_less_after).map_or_else(nothing, seconds),
         ]
     };
     [header.map(str::to_owned).to_vec()].into_iter().chain(summary.configurations.iter().map(row)).collect()
