@@ -12,6 +12,7 @@ use plotters::style::text_anchor::{HPos, Pos, VPos};
 use plotters::style::{Color, IntoFont, IntoTextStyle, RGBColor, ShapeStyle, WHITE};
 
 use super::results::Results;
+use super::statistics::LogMean;
 use super::summary::{AtBudget, Summary};
 
 type Area<'a> = DrawingArea<SVGBackend<'a>, Shift>;
@@ -67,7 +68,7 @@ const LONGEST: usize = 48;
 const BAR_RANGE: f64 = 10.0;
 
 /// relMSE less the reference's over seconds, both axes logarithmic: a line with 95 % intervals for each configuration, dashed if it is biased, marks on the Pareto front ringed, those that are mostly
-/// the reference's error hollow; the reference's own error as a dashed line.
+/// the reference's error hollow and at what was measured; the reference's own error as a dashed line.
 ///
 /// # Errors
 /// None in truth: the drawing goes to memory.
@@ -109,10 +110,10 @@ pub fn error_over_time(results: &Results, summary: &Summary) -> io::Result<Strin
         for (i, conclusion) in summary.configurations.iter().enumerate() {
             let points: Vec<_> =
                 conclusion.at.iter().flatten().filter_map(|at| Some((at, shown(at)?))).collect();
-            let path: Vec<_> = points.iter().map(|(_, [x, y])| place(*x, *y)).collect();
+            let path: Vec<_> = points.iter().map(|(_, (x, error))| place(*x, error.mean)).collect();
             line(root, &path, colour(i), 2, is_biased(results, i))?;
-            for (at, [x, _]) in &points {
-                if let Some([low, high]) = at.rel_mse.and_then(|e| e.interval) {
+            for (_, (x, error)) in &points {
+                if let Some([low, high]) = error.interval {
                     line(root, &[place(*x, low), place(*x, high)], colour(i), 1, false)?;
                 }
             }
@@ -171,10 +172,11 @@ pub fn time_split(summary: &Summary) -> io::Result<String> {
     })
 }
 
-/// Time and error, if a logarithm can show them.
-fn shown(at: &AtBudget) -> Option<[f64; 2]> {
-    let point = [at.seconds, at.rel_mse?.mean];
-    point.iter().all(|v| v.is_finite() && *v > 0.0).then_some(point)
+/// Time and error, if a logarithm can show them: less the reference's own, or where that is most of it as it was measured, which is an upper bound.
+fn shown(at: &AtBudget) -> Option<(f64, LogMean)> {
+    let error = if at.is_mostly_reference { at.measured } else { at.rel_mse }?;
+    let is_shown = [at.seconds, error.mean].iter().all(|v| v.is_finite() && *v > 0.0);
+    is_shown.then_some((at.seconds, error))
 }
 
 fn is_biased(results: &Results, configuration: usize) -> bool {
@@ -186,11 +188,11 @@ fn ranges(summary: &Summary, own: Option<f64>) -> [[f64; 2]; 2] {
     let mut ranges = [[f64::INFINITY, 0.0]; 2];
     let include = |[low, high]: &mut [f64; 2], v: f64| (*low, *high) = (low.min(v), high.max(v));
     let all = || summary.configurations.iter().flat_map(|c| c.at.iter().flatten());
-    for (at, [seconds, error]) in all().filter_map(|at| Some((at, shown(at)?))) {
+    for (seconds, LogMean { mean, interval }) in all().filter_map(shown) {
         include(&mut ranges[0], seconds);
-        include(&mut ranges[1], error);
-        for end in at.rel_mse.and_then(|e| e.interval).into_iter().flatten() {
-            include(&mut ranges[1], end.clamp(error / BAR_RANGE, error * BAR_RANGE));
+        include(&mut ranges[1], mean);
+        for end in interval.into_iter().flatten() {
+            include(&mut ranges[1], end.clamp(mean / BAR_RANGE, mean * BAR_RANGE));
         }
     }
     let [_, [least, greatest]] = ranges;

@@ -201,27 +201,28 @@ impl Ranking {
 /// What is to be said of a configuration's bias, if anything.
 fn bias_words(configuration: &Configuration, conclusion: &Conclusion, results: &Results) -> Option<String> {
     let name = &configuration.name;
-    let (budget, _) = conclusion.last()?;
+    let (budget, last) = conclusion.last()?;
     let after = results.budgets[budget];
-    let BiasFloor { squared, uncertainty, .. } = conclusion.bias.unwrap_or_default();
-    let is_seen = conclusion.bias.map(|bias| bias.is_seen);
     let Some(reason) = &configuration.bias else {
-        return (is_seen == Some(Some(true))).then(|| {
-            format!("{name} has no bias by design, yet {squared:.1e} of squared bias are seen after {after} s: light that it misses, or has not found yet.")
-        });
+        let BiasFloor { squared, .. } = conclusion.bias.filter(|bias| bias.is_seen == Some(true))?;
+        return Some(format!(
+            "{name} has no bias by design, yet {squared:.1e} of squared bias are seen after {after} s: light that it misses, or has not found yet."
+        ));
     };
-    let what = match is_seen {
+    let what = match conclusion.bias {
         None => "how much, only two seeds or more can tell".to_owned(),
-        Some(None) => "how much cannot be told from the reference's own error".to_owned(),
-        Some(Some(false)) => {
+        Some(BiasFloor { is_seen: None, .. }) => {
+            "how much cannot be told from the reference's own error".to_owned()
+        }
+        Some(BiasFloor { is_seen: Some(false), uncertainty, .. }) => {
             format!("but after {after} s none is seen: its square is less than {uncertainty:.1e}")
         }
-        Some(Some(true)) => {
-            let since = conclusion.bias.and_then(|bias| bias.noise_is_less_after);
-            let since = since.map_or_else(String::new, |t| {
+        Some(BiasFloor { squared, noise_is_less_after, .. }) => {
+            let since = noise_is_less_after.map_or_else(String::new, |t| {
                 format!("; noise is less than that after about {} s", seconds(t))
             });
-            format!("its square is {squared:.1e} of the relMSE after {after} s{since}")
+            let error = last.rel_mse.map_or_else(nothing, |e| number(e.mean));
+            format!("its square is {squared:.1e} after {after} s, where relMSE is {error}{since}")
         }
     };
     Some(format!("{name} is biased ({reason}); {what}."))
@@ -368,7 +369,7 @@ fn html(results: &Results, summary: &Summary, pictures: &Pictures, svg: &str) ->
     page.svg(svg);
     page.list(&[
         "Lower is better and so is further left; both axes are logarithmic. A line that falls by a decade per decade of time is noise that averages out (slope -1); one that levels out has come to its bias, or to the grey line, the reference's own error.",
-        "Bars are 95 % intervals over the seeds: marks whose bars overlap are not to be ranked. Dashed lines are biased integrators; hollow marks are mostly the reference's error.",
+        "Bars are 95 % intervals over the seeds: marks whose bars overlap are not to be ranked. Dashed lines are biased integrators; hollow marks are mostly the reference's error, and as high as was measured.",
         "Marks with a ring are the trade: nothing in the study has less error in the time they take. All else is a waste of time or of accuracy.",
     ]);
     page.table(&table(results, summary));

@@ -90,13 +90,14 @@ pub struct Slope {
 }
 
 /// Relative squared bias at the greatest budget, and whether it can be told from none.
-#[derive(Debug, Clone, Copy, PartialEq, Default, Serialize, Deserialize)]
+#[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize)]
 pub struct BiasFloor {
     /// The estimate.
     pub squared: f64,
     /// What an estimate exceeds in less than 2.5 % of all cases where there is no bias. It is the mean, over pairs of seeds, of the product of their deviations from
     /// the reference; that of n seeds varies at most as their mean relMSE does (by 1 / (n - 1) of its variance, had the reference no noise), hence Student's t times
-    /// the standard error of that. It is no less than the reference's own relMSE: what is smaller than that, the reference cannot show.
+    /// the standard error of that. It is no less than twice the reference's own relMSE: that comes from a few groups, of which none may have seen the rarest paths, and is
+    /// no surer than by its own size.
     pub uncertainty: f64,
     /// Whether the estimate exceeds its uncertainty. `None` if nothing tells the reference's error, which may then be all of it.
     pub is_seen: Option<bool>,
@@ -251,7 +252,7 @@ fn bias_floor(configuration: &Configuration, budget: usize, own: Option<f64>) ->
     let (mean, spread) = mean_and_error(&errors);
     let spread = spread.filter(|spread| spread.is_finite())?;
     let reach = spread * student_t(errors.len() as u32 - 1, CONFIDENCE);
-    let uncertainty = reach.max(own.unwrap_or(0.0));
+    let uncertainty = reach.max(2.0 * own.unwrap_or(0.0));
     let is_seen = own.map(|_| squared > uncertainty);
     let noise_is_less_after = (configuration.bias.is_some() && is_seen == Some(true)).then(|| {
         let noise = (mean - own.unwrap_or(0.0) - squared).max(0.0);
