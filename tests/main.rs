@@ -37,5 +37,7 @@ mod serialized;
 mod spherical;
 mod statistics;
 mod study;
+mod study_plan;
+mod study_run;
 mod support;
 mod warp;

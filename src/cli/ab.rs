@@ -7,7 +7,6 @@ use glam::UVec2;
 use serde_json::{Value, json};
 
 use super::integrator::Wanted;
-use super::parse;
 use super::render::resize;
 use super::{CliError, EXIT_DONE, EXIT_FAULTS};
 use crate::film::output::write_atomically;
@@ -17,7 +16,7 @@ use crate::query::{Backend, RayQuery};
 use crate::render::Target;
 use crate::scene::Shape;
 use crate::scene::load::{LoadOptions, Loaded, load};
-use crate::spec::{Spec, key_value, spec};
+use crate::spec::{Spec, key_value, size, spec};
 use crate::study::ab::{self, Effort, KINDS, Report};
 use crate::transport::World;
 
@@ -62,7 +61,7 @@ pub(super) struct AbArgs {
     #[arg(long, value_name = "N", value_parser = clap::value_parser!(u32).range(1..))]
     threads: Option<u32>,
     /// Film size in pixels instead of the scene's
-    #[arg(long, value_name = "WIDTHxHEIGHT", value_parser = parse::size)]
+    #[arg(long, value_name = "WIDTHxHEIGHT", value_parser = size)]
     size: Option<UVec2>,
     /// Replace $NAME in the scene file
     #[arg(short = 'D', value_name = "NAME=VALUE", value_parser = key_value)]

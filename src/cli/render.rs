@@ -26,7 +26,7 @@ use crate::query::{AnyQuery, Backend, RayQuery};
 use crate::render::{Control, Progress, Stop, Target, render_with_store};
 use crate::scene::load::{LoadOptions, Loaded, load};
 use crate::scene::{PixelRect, Scene};
-use crate::spec::{Spec, key_value, spec};
+use crate::spec::{Spec, duration, key_value, size, spec};
 use crate::strategies::{self, OddCount, StrategyImages};
 use crate::study::converge::{ErrorEstimate, Outcome, render_to_error};
 use crate::transport::World;
@@ -66,7 +66,7 @@ pub(super) struct RenderArgs {
     #[arg(long, value_name = "N", value_parser = clap::value_parser!(u32).range(1..))]
     spp: Option<u32>,
     /// Begin no pass after this time: 30s, 5m, 2h, 500ms
-    #[arg(long, value_name = "TIME", value_parser = parse::duration)]
+    #[arg(long, value_name = "TIME", value_parser = duration)]
     time: Option<Duration>,
     /// Stop as soon as the relMSE of the image, estimated from the spread of eight independent groups of passes, is below this with 95 % confidence; --time
     /// stops it earlier. Bias is not covered
@@ -83,7 +83,7 @@ pub(super) struct RenderArgs {
     #[arg(long, value_name = "N", value_parser = clap::value_parser!(u32).range(1..))]
     threads: Option<u32>,
     /// Film size in pixels instead of the scene's; a crop window of the scene is dropped
-    #[arg(long, value_name = "WIDTHxHEIGHT", value_parser = parse::size)]
+    #[arg(long, value_name = "WIDTHxHEIGHT", value_parser = size)]
     size: Option<UVec2>,
     /// Part of the film to render
     #[arg(long, value_name = "X,Y,WIDTHxHEIGHT", value_parser = parse::crop)]
@@ -297,7 +297,7 @@ impl Job<'_> {
             None => (self.render(&world, query, &mut film, &mut store, &interrupted)?, None),
             Some(target) => {
                 let outcome = self.render_to_error(&world, query, &film, target, &interrupted)?;
-                film = outcome.film;
+                film = outcome.groups.merge()?;
                 (outcome.progress, outcome.estimate)
             }
         };
@@ -493,7 +493,7 @@ impl Job<'_> {
 }
 
 /// A number that changes with any byte of the files that a scene was read from, and with the definitions.
-fn fingerprint(files: &[PathBuf], defines: &[(String, String)]) -> Result<String, CliError> {
+pub(super) fn fingerprint(files: &[PathBuf], defines: &[(String, String)]) -> Result<String, CliError> {
     let mut hash = crc32fast::Hasher::new();
     let mut length = 0;
     for file in files {
@@ -672,9 +672,8 @@ fn reproduction(args: &RenderArgs) -> String {
     if let Some(size) = args.size {
         let _ = write!(command, " --size {}x{}", size.x, size.y);
     }
-    if let Some(Spec { name, parameters }) = &args.backend {
-        let settings: Vec<_> = parameters.iter().map(|(key, value)| format!("{key}={value}")).collect();
-        let _ = write!(command, " --backend {name}:{}", settings.join(","));
+    if let Some(backend) = &args.backend {
+        let _ = write!(command, " --backend {backend}");
     }
     if args.lenient {
         command.push_str(" --lenient");
@@ -683,7 +682,7 @@ fn reproduction(args: &RenderArgs) -> String {
 }
 
 /// The first Ctrl-C asks to stop after the pass; the second ends the process at once.
-fn stop_on_ctrl_c() -> Result<Arc<AtomicBool>, CliError> {
+pub(super) fn stop_on_ctrl_c() -> Result<Arc<AtomicBool>, CliError> {
     let interrupted = Arc::new(AtomicBool::new(false));
     let flag = Arc::clone(&interrupted);
     ctrlc::set_handler(move || {
