@@ -420,7 +420,7 @@ fn squared_bias_by_hand() {
 /// Images of known bias and noise, and a reference with noise: the estimate is the bias. Of 200 trials the mean is normal: 5 standard errors are exceeded once in 10^6.
 #[test]
 fn noise_is_taken_from_bias() {
-    let mut random = Rng::new(7);
+    let mut random = Rng(7);
     // Uniform noise of that half width has a third of its square as variance.
     let mut noisy = |value: f32, width: f32| value + width * (2.0 * random.unit() as f32 - 1.0);
     let truth: Vec<f32> = (0..50).map(|i| 0.2 + 0.03 * i as f32).collect();
