@@ -1,15 +1,16 @@
 //! No contribution is infinite, no number or negative, and the backends agree on every ray: on every scene that there is, with every integrator. And what should not be is noticed.
 
+use std::collections::BTreeMap;
 use std::path::{Path, PathBuf};
 
 use glam::{UVec2, Vec3};
 use helmholtz::film::{AovSet, Film};
-use helmholtz::integrators::Integrator;
+use helmholtz::integrators::{Integrator, Strategy};
 use helmholtz::query::{AnyQuery, Backend};
 use helmholtz::render::{Control, Stop, Target, render};
 use helmholtz::scene::load::{LoadOptions, load};
 use helmholtz::scene::{Emitter, PixelRect, Rgb, Scene};
-use helmholtz::strategies::odd_contributions;
+use helmholtz::strategies::{OddCount, odd_contributions};
 use helmholtz::transport::World;
 
 use crate::scene_builder::{Build, diffuse, empty, quad};
@@ -111,10 +112,10 @@ fn large_scenes_have_no_odd_contributions_and_no_faults() {
     assert!(check_all(&folder, 4, is_large) >= 3);
 }
 
-/// A floor under a sky of which one colour is negative. (What is not finite cannot be had from a scene: reflectances beyond 1 are cut.)
+/// Lights of which one colour is negative, in scenes where only one strategy can find them: then all of its contributions are odd, and nobody else's. (What
+/// is not finite cannot be had from a scene: reflectances beyond 1 are cut.)
 #[test]
 fn odd_contributions_are_counted_for_each_strategy() {
-    let floor = || quad(Vec3::new(-5.0, -1.0, -5.0), Vec3::Z * 10.0, Vec3::X * 10.0);
     let run = |scene: &Scene| {
         let query = Backend::Crosscheck.build(&scene.shapes).expect("built");
         let world = World::new(scene);
@@ -122,12 +123,19 @@ fn odd_contributions_are_counted_for_each_strategy() {
         let mut film = Film::new(&scene.film, AovSet::default(), 1.0).expect("a film");
         let stop = Stop { passes: 0..1, time: None };
         render(&world, &query, &target, &mut film, &stop, |_| Control::Continue).expect("rendered");
-        (film.dropped().clone(), odd_contributions(&world, &query, &target, 0).expect("rendered"))
+        let dropped = film.dropped();
+        assert_eq!((dropped.samples, dropped.negative, dropped.example_passes()), (0, 64, vec![0]));
+        odd_contributions(&world, &query, &target, 0).expect("rendered")
     };
-    let sky = Emitter::Constant { radiance: Rgb::new(1.0, -0.1, 1.0) };
-    let (dropped, odd) = run(&empty().shape(floor(), diffuse(0.5), None).emitter(sky));
-    assert_eq!((dropped.samples, dropped.negative, dropped.example_passes()), (0, 64, vec![0]));
-    // Whether light is found by chance or by sampling depends on the view; that all of it is negative does not.
-    assert!(odd.values().all(|count| count.non_finite == 0), "{odd:?}");
-    assert!(odd.values().map(|count| count.negative).sum::<u64>() >= 64, "{odd:?}");
+    // 8x8 pixels, of which each has one sample.
+    let all = OddCount { non_finite: 0, negative: 64 };
+    let tint = Rgb::new(1.0, -0.1, 1.0);
+    // The sky and nothing else: every camera ray leaves the scene.
+    let odd = run(&empty().emitter(Emitter::Constant { radiance: tint }));
+    assert_eq!(odd, BTreeMap::from([(Strategy { s: 0, t: 2 }, all)]));
+    // A lamp without extent before a wall that fills the view: from there light is sampled once, and no ray meets another wall.
+    let wall = quad(Vec3::new(-5.0, -5.0, 2.0), Vec3::Y * 10.0, Vec3::X * 10.0);
+    let lamp = Emitter::Point { position: Vec3::ZERO, intensity: tint };
+    let odd = run(&empty().shape(wall, diffuse(0.5), None).emitter(lamp));
+    assert_eq!(odd, BTreeMap::from([(Strategy { s: 1, t: 2 }, all)]));
 }
