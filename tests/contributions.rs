@@ -165,7 +165,7 @@ fn third_party_scenes_have_no_odd_contributions_and_no_faults() {
     check_third_party(QUICK);
 }
 
-/// `cargo test --release contributions -- --ignored`: all scenes with more pixels and passes, and by other ways through the integrators; MINUTES.
+/// `cargo test --release contributions -- --ignored`: all scenes with more pixels and passes, and by other ways through the integrators.
 #[test]
 #[ignore = "takes minutes"]
 fn all_scenes_have_no_odd_contributions_and_no_faults() {
