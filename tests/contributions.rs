@@ -15,7 +15,10 @@ use helmholtz::transport::World;
 
 use crate::scene_builder::{Build, diffuse, empty, quad};
 
-const INTEGRATORS: [(&str, &[(&str, &str)]); 7] = [
+/// An integrator: its name, and parameters as text.
+type Algorithm = (&'static str, &'static [(&'static str, &'static str)]);
+
+const INTEGRATORS: [Algorithm; 7] = [
     ("path", &[("max_depth", "8")]),
     ("ptracer", &[("max_depth", "8")]),
     ("bdpt", &[("max_depth", "8")]),
@@ -25,19 +28,51 @@ const INTEGRATORS: [(&str, &[(&str, &str)]); 7] = [
     ("vpl", &[("max_depth", "5"), ("count", "10"), ("visibility", "shadowmap"), ("resolution", "8")]),
 ];
 
-fn target((name, parameters): (&str, &[(&str, &str)])) -> Target {
+/// What [`INTEGRATORS`] do not come by.
+const VARIANTS_OF_INTEGRATORS: [Algorithm; 8] = [
+    ("path", &[("max_depth", "30"), ("rr_depth", "2"), ("hide_emitters", "true")]),
+    ("ptracer", &[("max_depth", "30"), ("rr_depth", "2"), ("connect", "hit")]),
+    ("bdpt", &[("max_depth", "12"), ("rr_depth", "2"), ("exponent", "1")]),
+    ("photonmapper", &[("photons", "1000"), ("mode", "caustic"), ("lookup", "radius"), ("filter", "cone")]),
+    ("photonmapper", &[("photons", "1000"), ("k", "10"), ("final_gather", "4"), ("direct", "nee")]),
+    ("sppm", &[("photons", "1000"), ("filter", "gaussian"), ("direct", "photons")]),
+    ("vpl", &[("count", "50"), ("samples", "3"), ("direct", "vpl")]),
+    ("vpl", &[("count", "10"), ("visibility", "none"), ("compensate", "false")]),
+];
+
+/// Files of `tests/scenes` that are included by others.
+const OWN_PARTS: &[&str] = &[];
+/// The same of Mitsuba's test suite.
+const SUITE_PARTS: &[&str] = &["fragments/single_sphere.xml", "fragments/sphere_grid.xml"];
+
+fn target((name, parameters): Algorithm) -> Target {
     let owned: Vec<_> = parameters.iter().map(|(k, v)| ((*k).to_owned(), (*v).to_owned())).collect();
     Target { integrator: Integrator::new(name, &owned).expect("known"), seed: 11 }
 }
 
-fn check(name: &str, scene: &mut Scene, passes: u32) {
-    let size = UVec2::new(16, 12);
+/// What a scene is rendered by: size of the film and passes.
+#[derive(Clone, Copy)]
+struct Effort {
+    size: UVec2,
+    passes: u32,
+    integrators: &'static [Algorithm],
+}
+
+/// For the ordinary tests.
+const QUICK: Effort = Effort { size: UVec2::new(16, 12), passes: 1, integrators: &INTEGRATORS };
+/// For those that are asked for by name.
+const THOROUGH: Effort = Effort { size: UVec2::new(48, 36), passes: 4, integrators: &INTEGRATORS };
+/// Other ways through the same integrators.
+const VARIANTS: Effort = Effort { integrators: &VARIANTS_OF_INTEGRATORS, ..QUICK };
+
+fn check(name: &str, scene: &mut Scene, effort: Effort) {
+    let Effort { size, passes, integrators } = effort;
     scene.film.size = size;
     scene.film.crop = PixelRect { min: UVec2::ZERO, size };
     let scene = &*scene;
     let query = Backend::Crosscheck.build(&scene.shapes).expect("built");
     let world = World::new(scene);
-    for integrator in INTEGRATORS {
+    for &integrator in integrators {
         let target = target(integrator);
         let mut film =
             Film::new(&scene.film, AovSet::default(), world.lights.radiance_unit()).expect("a film");
@@ -54,8 +89,14 @@ fn check(name: &str, scene: &mut Scene, passes: u32) {
     assert!(found.closest > 0, "{name}");
 }
 
-/// All XML files below a folder that load. Broken and unusual files are for the tests of loaders.
-fn check_all(folder: &Path, passes: u32, is_wanted: fn(&Path) -> bool) -> usize {
+/// All scenes below a folder. Those named are parts of others, and do not load; all others must.
+fn check_all(
+    folder: &Path,
+    effort: Effort,
+    extension: &str,
+    parts: &[&str],
+    is_wanted: fn(&Path) -> bool,
+) -> usize {
     let mut pending = vec![folder.to_owned()];
     let mut files: Vec<PathBuf> = Vec::new();
     while let Some(folder) = pending.pop() {
@@ -63,7 +104,7 @@ fn check_all(folder: &Path, passes: u32, is_wanted: fn(&Path) -> bool) -> usize 
             let path = entry.path();
             if path.is_dir() {
                 pending.push(path);
-            } else if path.extension().is_some_and(|e| e == "xml") && is_wanted(&path) {
+            } else if path.extension().is_some_and(|e| e == extension) && is_wanted(&path) {
                 files.push(path);
             }
         }
@@ -72,9 +113,16 @@ fn check_all(folder: &Path, passes: u32, is_wanted: fn(&Path) -> bool) -> usize 
     let options = LoadOptions { lenient: true, ..LoadOptions::default() };
     let mut checked = 0;
     for path in files {
-        let Ok(mut loaded) = load(&path, &options) else { continue };
-        check(&path.display().to_string(), &mut loaded.scene, passes);
-        checked += 1;
+        let is_part = parts.iter().any(|part| path.ends_with(part));
+        match load(&path, &options) {
+            Ok(mut loaded) if !is_part => {
+                check(&path.display().to_string(), &mut loaded.scene, effort);
+                checked += 1;
+            }
+            Err(_) if is_part => {}
+            Ok(_) => panic!("{} is no part of a scene but one", path.display()),
+            Err(error) => panic!("{error}"),
+        }
     }
     checked
 }
@@ -87,29 +135,46 @@ fn testdata() -> PathBuf {
     Path::new(env!("CARGO_MANIFEST_DIR")).join("../shared/testdata")
 }
 
-#[test]
-fn scenes_have_no_odd_contributions_and_no_faults() {
+/// Those of this repository.
+fn check_own(effort: Effort) {
     let here = Path::new(env!("CARGO_MANIFEST_DIR"));
-    assert!(check_all(&here.join("scenes"), 2, |_| true) >= 7);
-    assert!(check_all(&here.join("tests/scenes"), 1, |_| true) >= 37);
+    assert!(check_all(&here.join("scenes"), effort, "xml", &[], |_| true) >= 6);
+    assert!(check_all(&here.join("tests/scenes"), effort, "xml", OWN_PARTS, |_| true) >= 37);
 }
 
-#[test]
-fn third_party_scenes_have_no_odd_contributions_and_no_faults() {
-    for folder in ["scenes", "mitsuba-suite"] {
+/// Those of others, but for the large ones.
+fn check_third_party(effort: Effort) {
+    for (folder, extension, count) in
+        [("scenes", "xml", 13), ("mitsuba-suite", "xml", 9), ("meshes", "obj", 10)]
+    {
         let folder = testdata().join(folder);
         if folder.exists() {
-            assert!(check_all(&folder, 1, |path| !is_large(path)) >= 7, "{}", folder.display());
+            let checked = check_all(&folder, effort, extension, SUITE_PARTS, |path| !is_large(path));
+            assert!(checked >= count, "{checked} of {count} in {}", folder.display());
         }
     }
 }
 
-/// `cargo test --release contributions -- --ignored`: the three large scenes, a minute.
 #[test]
-#[ignore = "takes a minute"]
-fn large_scenes_have_no_odd_contributions_and_no_faults() {
-    let folder = testdata().join("scenes");
-    assert!(check_all(&folder, 4, is_large) >= 3);
+fn scenes_have_no_odd_contributions_and_no_faults() {
+    check_own(QUICK);
+}
+
+#[test]
+fn third_party_scenes_have_no_odd_contributions_and_no_faults() {
+    check_third_party(QUICK);
+}
+
+/// `cargo test --release contributions -- --ignored`: all scenes with more pixels and passes, and by other ways through the integrators.
+#[test]
+#[ignore = "takes minutes"]
+fn all_scenes_have_no_odd_contributions_and_no_faults() {
+    for effort in [THOROUGH, VARIANTS] {
+        check_own(effort);
+        check_third_party(effort);
+        let folder = testdata().join("scenes");
+        assert!(check_all(&folder, effort, "xml", &[], is_large) >= 6);
+    }
 }
 
 /// Lights of which one colour is negative, in scenes where only one strategy can find them: then all of its contributions are odd, and nobody else's. (What

@@ -396,7 +396,8 @@ fn a_render_is_crosschecked() {
     assert_eq!(found["compared"], json["rays"], "{found}");
     assert!(found["compared"].as_u64().is_some_and(|rays| rays > 1000), "{found}");
     // Same primitive, by ulps apart; ties are of closest hits, whose number is not above all.
-    let same: u64 = found["same_by_ulps"].as_array().expect("counts").iter().filter_map(|n| n.as_u64()).sum();
+    let same: u64 =
+        found["same_by_ulps"].as_array().expect("counts").iter().filter_map(serde_json::Value::as_u64).sum();
     let ties = found["ties"].as_u64().expect("a number");
     assert!(same > 500 && same + ties <= json["rays"].as_u64().expect("a number"), "{found}");
     assert_eq!((&found["faults"], &found["not_judged"]), (&serde_json::json!([]), &serde_json::json!(0)));

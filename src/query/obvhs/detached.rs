@@ -125,11 +125,11 @@ mod tests {
         TriangleMesh::new(positions, triangles, vec![], vec![], false).unwrap()
     }
 
-    /// Which primitives lie together, and in which order.
-    fn topology(query: &ObvhsQuery) -> (Vec<[(u32, u32); WIDTH]>, Vec<(u32, u32)>) {
-        let children = |node: &Node| node.children.map(|child| (child.first, child.count));
-        let nodes = query.tree.nodes.iter().map(children).collect();
-        (nodes, query.tree.primitives.iter().map(|p| (p.shape, p.index)).collect())
+    /// Which primitives lie together, and in which order: the children of all nodes, then the primitives.
+    fn topology(query: &ObvhsQuery) -> Vec<(u32, u32)> {
+        let children = query.tree.nodes.iter().flat_map(|node| node.children);
+        let primitives = query.tree.primitives.iter().map(|p| (p.shape, p.index));
+        children.map(|child| (child.first, child.count)).chain(primitives).collect()
     }
 
     #[test]
