@@ -218,6 +218,10 @@ fn commit(
     if settings.compact {
         flags |= ffi::RTC_SCENE_FLAG_COMPACT;
     }
+    if update == Update::Refit {
+        // Without it Embree forgets after a commit what it has built, and builds all of it at the next.
+        flags |= ffi::RTC_SCENE_FLAG_DYNAMIC;
+    }
     // SAFETY: the scene is live, and no query runs yet.
     unsafe {
         ffi::rtcSetSceneBuildQuality(scene.0, quality);
