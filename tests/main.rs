@@ -38,6 +38,7 @@ mod spherical;
 mod statistics;
 mod study;
 mod study_plan;
+mod study_report;
 mod study_run;
 mod support;
 mod warp;

@@ -8,6 +8,7 @@ use serde_json::{Value, json};
 
 use super::integrator::Wanted;
 use super::render::resize;
+use super::table::table;
 use super::{CliError, EXIT_DONE, EXIT_FAULTS};
 use crate::film::output::write_atomically;
 use crate::query::crosscheck::{Answers, Dispute, Findings, Judged, parse_query};
@@ -116,7 +117,7 @@ pub(super) fn run(args: &AbArgs) -> Result<u8, CliError> {
     } else {
         // The tables as comments, so that all of it can be replayed.
         for rows in [report.costs(), report.agreement()] {
-            print!("{}", table(&rows));
+            print!("{}", table(&rows, "# "));
         }
         println!("# {}", report.difference());
         if report.not_recorded > 0 {
@@ -128,22 +129,6 @@ pub(super) fn run(args: &AbArgs) -> Result<u8, CliError> {
         print!("{}", report.fault_list());
     }
     Ok(if report.is_clean() { EXIT_DONE } else { EXIT_FAULTS })
-}
-
-/// Rows of cells under each other, as lines that begin with `#`.
-fn table(rows: &[Vec<String>]) -> String {
-    let columns = rows.first().map_or(0, Vec::len);
-    let widths: Vec<usize> =
-        (0..columns).map(|c| rows.iter().map(|row| row[c].chars().count()).max().unwrap_or(0)).collect();
-    rows.iter().fold(String::new(), |mut text, row| {
-        text.push('#');
-        for (i, (cell, &width)) in row.iter().zip(&widths).enumerate() {
-            let cell = if i == 0 { format!(" {cell:<width$}") } else { format!("  {cell:>width$}") };
-            text.push_str(&cell);
-        }
-        text.push('\n');
-        text
-    })
 }
 
 /// Asks both backends each query of a file and says what came of it.
@@ -218,17 +203,10 @@ fn statistics(args: &AbArgs, report: &Report, integrator: &str) -> Value {
             "render_seconds": side.rendering.as_secs_f64(),
         })
     };
-    let rays: serde_json::Map<_, _> = KINDS
-        .iter()
-        .zip(&report.findings)
-        .map(|(kind, found)| ((*kind).to_owned(), findings(found)))
-        .collect();
+    let rays: serde_json::Map<_, _> =
+        KINDS.iter().zip(&report.findings).map(|(kind, found)| ((*kind).to_owned(), counts(found))).collect();
     let difference = &report.difference;
     let names = report.sides.each_ref().map(|side| side.name.as_str());
-    let faults: Vec<_> = report
-        .faults()
-        .map(|judged| json!({ "query": judged.dispute.to_string(), "fault": judged.blame(names) }))
-        .collect();
     json!({
         "scene": args.scene,
         "integrator": integrator,
@@ -246,11 +224,12 @@ fn statistics(args: &AbArgs, report: &Report, integrator: &str) -> Value {
             "flip_ldr": difference.flip_ldr,
             "flip_hdr": difference.flip_hdr,
         },
-        "faults": faults,
+        "faults": faults(report.faults(), names),
     })
 }
 
-fn findings(found: &Findings) -> Value {
+/// How often two backends agreed, as JSON.
+pub(super) fn counts(found: &Findings) -> Value {
     json!({
         "compared": found.closest + found.occlusion,
         "same_by_ulps": found.same,
@@ -258,4 +237,40 @@ fn findings(found: &Findings) -> Value {
         "faults": found.faults.len(),
         "not_judged": found.not_judged,
     })
+}
+
+/// Faults of backends of these names as JSON: each query as --replay reads it, with what is wrong.
+pub(super) fn faults<'f>(faults: impl IntoIterator<Item = &'f Judged>, names: [&str; 2]) -> Value {
+    let fault =
+        |judged: &Judged| json!({ "query": judged.dispute.to_string(), "fault": judged.blame(names) });
+    faults.into_iter().map(fault).collect()
+}
+
+#[cfg(test)]
+mod tests {
+    use glam::Vec3;
+
+    use super::*;
+    use crate::query::reference::Fault;
+    use crate::query::{Hit, Ray};
+
+    #[test]
+    fn faults_are_told_in_json_with_queries_that_can_be_asked_again() {
+        let ray = Ray { t_max: 3.5, ..Ray::new(Vec3::new(0.1, -2.0, 1e-30), Vec3::Y) };
+        let hit = Hit { shape: 1, primitive: 2, u: 0.25, v: 0.5, t: 2.0 };
+        let closest = Dispute { ray, answers: Answers::Closest([None, Some(hit)]) };
+        let occlusion = Dispute { ray, answers: Answers::Occlusion([true, false]) };
+        let (missed, imagined) = (Fault::Missed { at: 2.0 }, Fault::Imagined);
+        let judged = [
+            Judged { dispute: closest, faults: [Some(missed), None] },
+            Judged { dispute: occlusion, faults: [Some(imagined), Some(missed)] },
+        ];
+        let value = faults(&judged, ["one", "two"]);
+        assert_eq!(value[0]["fault"], format!("one {missed}"));
+        assert_eq!(value[1]["fault"], format!("one {imagined}; two {missed}"));
+        assert_eq!(value.as_array().map(Vec::len), Some(2));
+        for (i, is_occlusion) in [(0, false), (1, true)] {
+            assert_eq!(parse_query(value[i]["query"].as_str().unwrap()), Ok((is_occlusion, ray)));
+        }
+    }
 }

@@ -12,6 +12,7 @@ mod progress;
 mod render;
 mod selftest;
 mod study;
+mod table;
 
 use std::process::ExitCode;
 

@@ -1,6 +1,5 @@
 //! `helmholtz study`: which integrator, with which settings, for this scene, at this budget?
 
-use std::io::Write as _;
 use std::num::NonZeroU32;
 use std::path::PathBuf;
 use std::sync::atomic::{AtomicBool, Ordering};
@@ -8,11 +7,12 @@ use std::time::{Duration, Instant};
 
 use clap::Args;
 use glam::UVec2;
+use serde_json::json;
 
 use super::progress::Bar;
 use super::render::{fingerprint, resize, stop_on_ctrl_c};
+use super::table::table;
 use super::{CliError, EXIT_DONE, EXIT_INTERRUPTED};
-use crate::film::output::write_atomically;
 use crate::integrators::{Integrator, PathLength};
 use crate::query::{Backend, with_query};
 use crate::render::Control;
@@ -23,7 +23,8 @@ use crate::spec::{Spec, duration, key_value, size, spec};
 use crate::study::config::Config;
 use crate::study::plan::{Plan, Planner};
 use crate::study::reference::Source;
-use crate::study::run::{Backends, Event, Settings, run as run_study};
+use crate::study::report;
+use crate::study::run::{Backends, Event, Outcome, Settings, run as run_study};
 
 /// Budgets unless said otherwise, in seconds.
 const BUDGETS: [u64; 5] = [1, 2, 4, 8, 16];
@@ -133,20 +134,22 @@ pub(super) fn run(args: &StudyArgs) -> Result<u8, CliError> {
     args.announce(&plan, &settings);
     let interrupted = stop_on_ctrl_c()?;
     let mut told = Told { args, bar: None, interrupted: &interrupted, greatest: settings.greatest() };
-    let results = run_study(&scene, &settings, &plan, &mut backends, &mut |event| told.hear(event))?;
-    let Some(results) = results else {
+    let outcome = run_study(&scene, &settings, &plan, &mut backends, &mut |event| told.hear(event))?;
+    let Some(Outcome { results, pictures }) = outcome else {
         args.say("interrupted; the same command goes on with what is finished");
         return Ok(EXIT_INTERRUPTED);
     };
-    let path = settings.folder.join("results.json");
-    write_atomically(&path, |file| {
-        serde_json::to_writer_pretty(&mut *file, &results)?;
-        file.write_all(b"\n")
-    })?;
-    args.say(&format!("wrote {}", path.display()));
+    let summary = report::write(&settings.folder, &results, &pictures)?;
     if args.json {
-        println!("{}", serde_json::to_string_pretty(&results)?);
+        println!("{:#}", json!({ "results": results, "summary": summary }));
+    } else {
+        print!("{}", table(&report::table(&results, &summary), ""));
+        println!("\n{}\n", report::KEY);
+        for finding in report::findings(&results, &summary) {
+            println!("{finding}");
+        }
     }
+    args.say(&format!("wrote {}", settings.folder.join("report.html").display()));
     Ok(EXIT_DONE)
 }
 

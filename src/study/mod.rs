@@ -6,7 +6,8 @@
 //! holds it against what integrators should be able to do. [`converge`] renders until the error is small enough. Nothing here prints.
 //!
 //! A *study* renders one scene in many ways and asks which is best: [`plan`] says what is rendered, by command-line texts or a [`config`] file, [`run`] renders it and keeps
-//! what is finished in a folder ([`cells`]), [`reference`](mod@reference) is what images are compared with, [`bias`] what error time does not lessen, and [`results`] what was measured.
+//! what is finished in a folder ([`cells`]), [`reference`](mod@reference) is what images are compared with, and [`bias`] what error time does not lessen. [`results`] is what was measured, [`summary`]
+//! what follows from it by [`statistics`], and [`report`], with a [`plot`], how a person is told.
 
 pub mod ab;
 pub mod auto;
@@ -21,9 +22,13 @@ pub mod metrics;
 pub mod picture;
 pub mod pilot;
 pub mod plan;
+pub mod plot;
 pub mod reference;
+pub mod report;
 pub mod results;
 pub mod run;
+pub mod statistics;
+pub mod summary;
 mod sweep;
 pub mod verify;
 

@@ -36,6 +36,8 @@ pub struct Planned {
 pub struct LeftOut {
     /// Its name.
     pub name: String,
+    /// Its integrator, as it would have been asked for.
+    pub integrator: Spec,
     /// Why it is left out.
     pub why: String,
 }
@@ -197,7 +199,7 @@ impl Planner {
                 // The scene's paths may be longer than photons can tell.
                 Err(error) => error.to_string(),
             };
-            self.left_out.push(LeftOut { name: name.to_owned(), why: reason });
+            self.left_out.push(LeftOut { name: name.to_owned(), integrator: spec, why: reason });
         }
         Ok(())
     }

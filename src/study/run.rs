@@ -15,6 +15,7 @@ use super::metrics::{CompareError, compare};
 use super::picture::Picture;
 use super::plan::{Plan, Planned};
 use super::reference::{self, Reference, SEED, Source};
+use super::report::Pictures;
 use super::results::{self, Configuration, Point, Results, Run};
 use super::{StudyError, flip};
 use crate::film::output::{OutputError, write_exr};
@@ -126,6 +127,15 @@ impl<'s> Backends<'s> {
     }
 }
 
+/// What a study has measured, and its images.
+#[derive(Debug, Clone)]
+pub struct Outcome {
+    /// Measurements; configurations that were left out of the plan are among them, after the others.
+    pub results: Results,
+    /// The reference, and of configurations, by their index in the results, the image of the first seed at the greatest budget.
+    pub pictures: Pictures,
+}
+
 /// Runs a study. `None` if the observer stopped it; then what is finished is kept.
 ///
 /// # Errors
@@ -136,7 +146,7 @@ pub fn run<'s>(
     plan: &Plan,
     backends: &mut Backends<'s>,
     observe: &mut Observer,
-) -> Result<Option<Results>, StudyError> {
+) -> Result<Option<Outcome>, StudyError> {
     settings.check()?;
     let store = Store::open(&settings.folder)?;
     let world = World::new(scene);
@@ -145,7 +155,7 @@ pub fn run<'s>(
     observe(&Event::Compared(&reference.described));
     let study = Study { settings, store, world: &world, reference };
     let Some(measured) = study.run_all(plan, backends, observe)? else { return Ok(None) };
-    study.results(plan, measured).map(Some)
+    study.outcome(plan, measured).map(Some)
 }
 
 impl Settings {
@@ -349,13 +359,18 @@ impl<'s> Study<'_, 's> {
         }
     }
 
-    fn results(self, plan: &Plan, measured: Vec<Measured>) -> Result<Results, StudyError> {
-        let mut configurations = Vec::new();
+    fn outcome(self, plan: &Plan, measured: Vec<Measured>) -> Result<Outcome, StudyError> {
+        let (mut configurations, mut images) = (Vec::new(), Vec::new());
         for (planned, measured) in plan.configurations.iter().zip(measured) {
             let (runs, failure) = match measured {
                 Ok(runs) => (runs, None),
                 Err(why) => (Vec::new(), Some(why)),
             };
+            if let Some((identity, run)) = runs.first()
+                && let Some(last) = run.points.last()
+            {
+                images.push((configurations.len(), Picture::read(&self.store.image(identity, last.passes))?));
+            }
             configurations.push(Configuration {
                 name: planned.name.clone(),
                 integrator: planned.integrator.describe(),
@@ -366,7 +381,16 @@ impl<'s> Study<'_, 's> {
                 failure,
             });
         }
-        Ok(Results {
+        configurations.extend(plan.left_out.iter().map(|left_out| Configuration {
+            name: left_out.name.clone(),
+            integrator: left_out.integrator.to_string(),
+            backend: self.settings.backend.describe(),
+            bias: None,
+            runs: Vec::new(),
+            squared_bias: Vec::new(),
+            failure: Some(left_out.why.clone()),
+        }));
+        let results = Results {
             scene: self.settings.scene.clone(),
             size: self.reference.picture.size.to_array(),
             threads: rayon::current_num_threads(),
@@ -375,7 +399,8 @@ impl<'s> Study<'_, 's> {
             budgets: self.settings.seconds(),
             reference: self.reference.described,
             configurations,
-        })
+        };
+        Ok(Outcome { results, pictures: Pictures { reference: self.reference.picture, images } })
     }
 
     /// The squared bias at each budget, from the images that are kept.
