@@ -10,7 +10,6 @@ use serde_json::{Value, json};
 use super::integrator::Wanted;
 use super::render::resize;
 use super::{CliError, EXIT_DIFFERENT, EXIT_DONE};
-use crate::integrators::photon_map::PhotonMapper;
 use crate::integrators::vpl::VirtualLights;
 use crate::integrators::{Ability, Integrator, PathLength};
 use crate::query::{Backend, RayQuery};
@@ -67,6 +66,9 @@ const TABLE: [&str; 7] = ["path", "ptracer", "bdpt", "photonmapper", "sppm", "sp
 
 /// Passes of a group of a pilot for --verify: 260,000 samples in all.
 const PASSES: u32 = 32;
+
+/// The same with photons.
+const PHOTON_PASSES: u32 = 2;
 
 pub(super) fn run(args: &InspectArgs) -> Result<u8, CliError> {
     let options =
@@ -185,12 +187,15 @@ fn triangles(shape: &Shape) -> u64 {
     }
 }
 
-/// The integrator with fewer photons or virtual lights in a pass, which changes its noise but not what it finds.
-fn in_small(integrator: Integrator) -> Integrator {
+/// The integrator and the passes of a group of its pilot: fewer virtual lights, which changes their noise only, but all photons, fewer of which would lie further apart and have more
+/// bias.
+fn in_small(integrator: Integrator) -> (Integrator, u32) {
     match integrator {
-        Integrator::PhotonMap(mapper) => Integrator::PhotonMap(PhotonMapper { photons: 5000, ..mapper }),
-        Integrator::VirtualLights(vpl) => Integrator::VirtualLights(VirtualLights { count: 10, ..vpl }),
-        _ => integrator,
+        Integrator::PhotonMap(_) => (integrator, PHOTON_PASSES),
+        Integrator::VirtualLights(vpl) => {
+            (Integrator::VirtualLights(VirtualLights { count: 10, ..vpl }), PASSES)
+        }
+        _ => (integrator, PASSES),
     }
 }
 
@@ -319,7 +324,8 @@ impl<'a> Inspection<'a> {
         let size = Pilot::film_size(self.scene.film.size);
         let world = World::for_film(self.scene, size);
         let pilot = |&(name, integrator): &(&'static str, Integrator)| {
-            Ok((name, integrator, Pilot::run(&world, query, in_small(integrator), size, PASSES)?))
+            let (small, passes) = in_small(integrator);
+            Ok((name, integrator, Pilot::run(&world, query, small, size, passes)?))
         };
         let pilots: Vec<_> = self.integrators.iter().map(pilot).collect::<Result<_, CliError>>()?;
         let tried: Vec<_> = pilots.iter().map(|(_, integrator, pilot)| (*integrator, pilot)).collect();

@@ -140,16 +140,19 @@ impl<Q: RayQuery, O: PathObserver> Tracer<'_, '_, '_, Q, O> {
         let mut from = self.start.ray.o;
         for depth in 1..=last {
             self.scratch.rays += 1;
-            let hit = self.pass.query.intersect(&walk.ray);
-            if self.weights.hits_lens {
-                self.hit_lens(&walk, hit, flight, depth);
-            }
-            let Some(hit) = hit else {
+            // Observers know of a segment before of what it contributes, as on eye paths.
+            let Some(hit) = self.pass.query.intersect(&walk.ray) else {
                 self.observer.segment(&walk, depth, None);
+                if self.weights.hits_lens {
+                    self.hit_lens(&walk, None, flight, depth);
+                }
                 break;
             };
             let vertex = SurfaceVertex::new(&self.pass.world.materials, &hit, &walk.ray);
             self.observer.segment(&walk, depth, Some(&vertex));
+            if self.weights.hits_lens {
+                self.hit_lens(&walk, Some(hit), flight, depth);
+            }
             if depth == max_depth {
                 break;
             }

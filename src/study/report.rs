@@ -282,6 +282,9 @@ fn seconds(value: f64) -> String {
 
 fn with_interval(error: Option<&LogMean>) -> String {
     let Some(LogMean { mean, interval }) = error else { return nothing() };
+    if *mean == 0.0 {
+        return "less than the reference's own".to_owned();
+    }
     let interval =
         interval.map_or_else(String::new, |[low, high]| format!(", {} to {}", number(low), number(high)));
     format!("{}{interval}", number(*mean))
