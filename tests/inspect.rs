@@ -275,13 +275,13 @@ impl BackendTest for Verified<'_> {
         }
         let tried: Vec<_> = integrators.iter().copied().zip(&pilots).collect();
         for (verdicts, integrator) in judge(&tried, &needs, length).iter().zip(&integrators) {
-            let wrong = verdicts.iter().position(|v| !v.holds);
+            let wrong = verdicts.iter().position(|v| v.holds == Some(false));
             assert!(wrong.is_none(), "{} by {}: {verdicts:?}", self.name, integrator.describe());
         }
         // Were there no glass, classes that carry light would not exist; were there a pinhole, a lens would not be hit.
         let mut false_needs = needs.clone();
         false_needs.lobes.specular = false;
-        let is_noticed = judge(&tried, &false_needs, length).iter().flatten().any(|v| !v.holds);
+        let is_noticed = judge(&tried, &false_needs, length).iter().flatten().any(|v| v.holds == Some(false));
         assert_eq!(is_noticed, needs.lobes.specular, "{}", self.name);
     }
 }

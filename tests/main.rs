@@ -37,5 +37,6 @@ mod serialized;
 mod spherical;
 mod statistics;
 mod study;
+mod study_report;
 mod support;
 mod warp;

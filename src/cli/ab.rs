@@ -9,6 +9,7 @@ use serde_json::{Value, json};
 use super::integrator::Wanted;
 use super::parse;
 use super::render::resize;
+use super::table::table;
 use super::{CliError, EXIT_DONE, EXIT_FAULTS};
 use crate::film::output::write_atomically;
 use crate::query::crosscheck::{Answers, Dispute, Findings, Judged, parse_query};
@@ -117,7 +118,7 @@ pub(super) fn run(args: &AbArgs) -> Result<u8, CliError> {
     } else {
         // The tables as comments, so that all of it can be replayed.
         for rows in [report.costs(), report.agreement()] {
-            print!("{}", table(&rows));
+            print!("{}", table(&rows, "# "));
         }
         println!("# {}", report.difference());
         if report.not_recorded > 0 {
@@ -129,22 +130,6 @@ pub(super) fn run(args: &AbArgs) -> Result<u8, CliError> {
         print!("{}", report.fault_list());
     }
     Ok(if report.is_clean() { EXIT_DONE } else { EXIT_FAULTS })
-}
-
-/// Rows of cells under each other, as lines that begin with `#`.
-fn table(rows: &[Vec<String>]) -> String {
-    let columns = rows.first().map_or(0, Vec::len);
-    let widths: Vec<usize> =
-        (0..columns).map(|c| rows.iter().map(|row| row[c].chars().count()).max().unwrap_or(0)).collect();
-    rows.iter().fold(String::new(), |mut text, row| {
-        text.push('#');
-        for (i, (cell, &width)) in row.iter().zip(&widths).enumerate() {
-            let cell = if i == 0 { format!(" {cell:<width$}") } else { format!("  {cell:>width$}") };
-            text.push_str(&cell);
-        }
-        text.push('\n');
-        text
-    })
 }
 
 /// Asks both backends each query of a file and says what came of it.

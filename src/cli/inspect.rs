@@ -98,7 +98,8 @@ pub(super) fn run(args: &InspectArgs) -> Result<u8, CliError> {
             print!("{}", verified.text(&inspection));
         }
     }
-    let holds = verified.is_none_or(|v| v.rows.iter().all(|row| row.verdicts.iter().all(Verdict::holds)));
+    let holds =
+        verified.is_none_or(|v| v.rows.iter().all(|row| row.verdicts.iter().all(|v| v.holds != Some(false))));
     Ok(if holds { EXIT_DONE } else { EXIT_DIFFERENT })
 }
 
@@ -398,7 +399,7 @@ impl Verified {
         let _ = writeln!(text, "  {:16}{cells}", "all");
         let _ = writeln!(
             text,
-            "  mean luminance and its standard error; `!` where the prediction does not hold, - where classes are not known\n"
+            "  mean luminance and its standard error; `!` where the prediction does not hold, `?` where there is nothing to tell by, - where classes are not known\n"
         );
         let _ = writeln!(text, "  auto takes {}", self.auto);
         text
@@ -411,7 +412,7 @@ impl Verified {
                 json!({"paths": class.notation(), "mean": measured.map(|m| m.mean), "error": measured.map(|m| m.error), "holds": holds})
             };
             let total = row.pilot.total;
-            let holds = row.verdicts.last().is_none_or(Verdict::holds);
+            let holds = row.verdicts.last().and_then(|v| v.holds);
             json!({
                 "integrator": row.name,
                 "mean": total.mean,

@@ -11,6 +11,7 @@ mod parse;
 mod progress;
 mod render;
 mod selftest;
+mod table;
 
 use std::process::ExitCode;
 

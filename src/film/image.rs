@@ -3,7 +3,7 @@
 use std::borrow::Cow;
 
 use crate::scene::PixelRect;
-use glam::UVec2;
+use glam::{UVec2, Vec3};
 
 /// The pixels of one channel, row by row.
 #[derive(Debug, Clone, PartialEq)]
@@ -37,6 +37,16 @@ pub struct Image {
 }
 
 impl Image {
+    /// An image of nothing but colours, row by row from the top.
+    pub fn of_colours(size: UVec2, pixels: &[Vec3]) -> Self {
+        let channel = |(name, c): (&'static str, usize)| Channel {
+            name: Cow::Borrowed(name),
+            pixels: Pixels::Colour(pixels.iter().map(|v| v[c]).collect()),
+        };
+        let channels = [("R", 0), ("G", 1), ("B", 2)].map(channel).into();
+        Self { film_size: size, crop: PixelRect { min: UVec2::ZERO, size }, channels }
+    }
+
     /// A channel of floating-point numbers by its name.
     pub fn floats(&self, name: &str) -> Option<&[f32]> {
         self.channels.iter().find(|c| c.name == name).and_then(|c| match &c.pixels {

@@ -12,7 +12,7 @@ use glam::{IVec2, Vec3};
 use rayon::prelude::*;
 
 use super::flip;
-use super::heat::heat_map;
+use super::heat::{LEGEND, heat_map};
 use super::html::Page;
 use super::metrics::{Errors, compare, relative_squared_errors};
 use super::picture::Picture;
@@ -371,8 +371,8 @@ impl Report {
         }
         let [a, b] = self.sides.each_ref().map(|side| picture(&side.image));
         if let Ok(errors) = relative_squared_errors(&a, &b) {
-            let caption = "relative squared difference: black up to 1e-4, blue 1e-3, red 0.01, orange 0.1, white from 1";
-            page.image(caption, &heat_map(a.size, &errors))?;
+            let caption = format!("relative squared difference: {LEGEND}");
+            page.image(&caption, &heat_map(a.size, &errors))?;
         }
         Ok(page.finish())
     }

@@ -1,11 +1,8 @@
 //! Heat maps: where an image is far from its reference.
 
-use std::borrow::Cow;
-
 use glam::{UVec2, Vec3};
 
-use crate::film::{Channel, Image, Pixels};
-use crate::scene::PixelRect;
+use crate::film::Image;
 
 /// Decades of error from black to white.
 const LEAST_LOG10: f64 = -4.0;
@@ -22,16 +19,14 @@ const COLOURS: [Vec3; 5] = [
 /// What is not a number.
 const BAD: Vec3 = Vec3::new(0.0, 1.0, 0.0);
 
+/// What the colours of [`heat_map`] mean, for captions.
+pub const LEGEND: &str = "black up to 1e-4, blue 1e-3, red 0.01, orange 0.1, white from 1";
+
 /// A picture of relative squared errors, a row from the top after the other: black up to 1e-4, then blue, red, orange, and white from 1 on, logarithmic; green
 /// where a pixel is not finite.
 pub fn heat_map(size: UVec2, errors: &[f64]) -> Image {
     let colours: Vec<Vec3> = errors.iter().map(|&error| colour(error)).collect();
-    let channel = |(name, c): (&'static str, usize)| Channel {
-        name: Cow::Borrowed(name),
-        pixels: Pixels::Colour(colours.iter().map(|v| v[c]).collect()),
-    };
-    let channels = [("R", 0), ("G", 1), ("B", 2)].map(channel).into();
-    Image { film_size: size, crop: PixelRect { min: UVec2::ZERO, size }, channels }
+    Image::of_colours(size, &colours)
 }
 
 fn colour(error: f64) -> Vec3 {

@@ -12,7 +12,7 @@ use crate::film::{Image, output::encode_png};
 const STYLE: &str = "body{font:15px/1.45 system-ui,sans-serif;max-width:70em;margin:2em auto;padding:0 1em;color:#222}\
 table{border-collapse:collapse;margin:1em 0}td,th{border-bottom:1px solid #ccc;padding:.25em .9em;text-align:right}\
 td:first-child,th:first-child{text-align:left}figure{display:inline-block;margin:.5em 1em .5em 0}\
-img{max-width:100%;image-rendering:pixelated}pre{overflow-x:auto;background:#f4f4f4;padding:.8em}";
+img{max-width:100%;image-rendering:pixelated}pre{overflow-x:auto;background:#f4f4f4;padding:.8em}svg{max-width:100%;height:auto}";
 
 /// A page in the making. Text is escaped wherever it is put in.
 #[derive(Debug, Clone)]
@@ -35,6 +35,20 @@ impl Page {
     /// A paragraph.
     pub fn paragraph(&mut self, text: &str) {
         self.push(format_args!("<p>{}</p>\n", escape(text)));
+    }
+
+    /// Paragraphs with a dot before each.
+    pub fn list<S: AsRef<str>>(&mut self, items: &[S]) {
+        self.0.push_str("<ul>\n");
+        for item in items {
+            self.push(format_args!("<li>{}</li>\n", escape(item.as_ref())));
+        }
+        self.0.push_str("</ul>\n");
+    }
+
+    /// A drawing, which is markup already and is not escaped.
+    pub fn svg(&mut self, svg: &str) {
+        self.push(format_args!("<p>{svg}</p>\n"));
     }
 
     /// Text in lines of its own.
@@ -69,6 +83,19 @@ impl Page {
         Ok(())
     }
 
+    /// Images beside each other, as far as there is room, each with a caption.
+    ///
+    /// # Errors
+    /// If PNG has no such image.
+    pub fn images(&mut self, images: &[(&str, &Image)]) -> io::Result<()> {
+        self.0.push_str("<div>\n");
+        for (caption, image) in images {
+            self.image(caption, image)?;
+        }
+        self.0.push_str("</div>\n");
+        Ok(())
+    }
+
     /// The finished page.
     pub fn finish(mut self) -> String {
         self.0.push_str("</body></html>\n");
@@ -88,11 +115,10 @@ fn escape(text: &str) -> String {
 
 #[cfg(test)]
 mod tests {
-    use glam::UVec2;
+    use glam::{UVec2, Vec3};
 
     use super::Page;
-    use crate::film::{Channel, Image, Pixels};
-    use crate::scene::PixelRect;
+    use crate::film::Image;
 
     #[test]
     fn text_is_escaped_and_images_are_within() {
@@ -101,18 +127,17 @@ mod tests {
         page.paragraph("1 < 2");
         page.preformatted("<&>");
         page.table(&[vec!["x", "<i>"], vec!["1", "2"]]);
-        let size = UVec2::ONE;
-        let channels =
-            ["R", "G", "B"].map(|name| Channel { name: name.into(), pixels: Pixels::Colour(vec![1.0]) });
-        let image =
-            Image { film_size: size, crop: PixelRect { min: UVec2::ZERO, size }, channels: channels.into() };
-        page.image("\"><x", &image).expect("a PNG");
+        page.list(&["<u>", "b"]);
+        page.svg("<svg></svg>");
+        let image = Image::of_colours(UVec2::ONE, &[Vec3::ONE]);
+        page.images(&[("\"><x", &image)]).expect("a PNG");
         let text = page.finish();
         assert!(text.contains("<title>a &lt;b&gt; &amp; &quot;c&quot;</title>"), "{text}");
-        for tag in ["<b>", "<script>", "<i>", "<x"] {
+        for tag in ["<b>", "<script>", "<i>", "<u>", "<x"] {
             assert!(!text.contains(tag), "{tag} in {text}");
         }
         assert!(text.contains("<th>&lt;i&gt;</th>") && text.contains("<td>2</td>"), "{text}");
+        assert!(text.contains("<li>b</li>") && text.contains("<svg></svg>"), "{text}");
         // The first eight bytes of every PNG.
         assert!(text.contains("src=\"data:image/png;base64,iVBORw0KGgo"), "{text}");
     }
