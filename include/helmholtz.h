@@ -205,6 +205,9 @@ typedef struct helmholtz_scene_info {
   float bounds_min[3];
   // Greatest corner of the box around all shapes, -infinity if there are none.
   float bounds_max[3];
+  // Primitives over which hierarchies were built when the scene was last made ready for rays: 0 if nothing had changed or everything that had could be refitted
+  // (HELMHOLTZ_REFIT). Those of a shape group count once, and each of its instances as one.
+  uint64_t built_primitive_count;
 } helmholtz_scene_info;
 
 #ifdef __cplusplus

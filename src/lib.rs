@@ -11,7 +11,7 @@
 //! | [`cli`] | one file per subcommand; all printing to people happens there |
 //! | [`capi`] | the C interface: handles, status codes, no panic across the border |
 //! | [`selftest`] | checks at the extremes of scale, place, roughness, radiance |
-//! | [`study`] | the trade, measured: errors of images, backends side by side, what a scene's light is made of, which integrator suits it, rendering to an error |
+//! | [`study`] | the trade, measured: errors of images, backends side by side, what a scene's light is made of, which integrator suits it, rendering to an error, studies of many configurations |
 //! | [`strategies`] | the driver for images of single strategies |
 //! | [`render`] | the driver: passes, threads, progress, stop conditions, checkpoints |
 //! | [`integrators`] | one file or folder per algorithm |

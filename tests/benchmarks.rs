@@ -4,16 +4,16 @@
 use std::fs::File;
 use std::io::{BufWriter, Write};
 use std::path::Path;
-use std::sync::Mutex;
 use std::time::Instant;
 
 use glam::{UVec2, UVec3, Vec3};
 use helmholtz::film::{AovSet, Film};
 use helmholtz::integrators::Integrator;
 use helmholtz::query::obvhs::ObvhsQuery;
-use helmholtz::query::{BuildQuality, Hit, Ray, RayQuery};
+use helmholtz::query::recorder::{Recorder, Recording};
+use helmholtz::query::{Backend, BuildQuality, Ray, RayQuery};
 use helmholtz::render::{Control, Stop, Target, render};
-use helmholtz::scene::{Aabb, Emitter, Geometry, PixelRect, Rgb, Scene};
+use helmholtz::scene::{Emitter, Geometry, PixelRect, Rgb, Scene};
 use helmholtz::transport::World;
 
 use crate::backends::{BackendTest, on_each_backend};
@@ -60,42 +60,6 @@ fn scene(n: u32) -> Scene {
     scene
 }
 
-/// Passes all queries on and writes them down.
-struct Recorder<'q, Q> {
-    query: &'q Q,
-    rays: Mutex<Vec<(Ray, bool)>>,
-}
-
-impl<Q: RayQuery> Recorder<'_, Q> {
-    fn note(&self, ray: &Ray, occlusion: bool) {
-        self.rays.lock().expect("no thread panicked").push((*ray, occlusion));
-    }
-}
-
-impl<Q: RayQuery> RayQuery for Recorder<'_, Q> {
-    fn intersect(&self, ray: &Ray) -> Option<Hit> {
-        self.note(ray, false);
-        self.query.intersect(ray)
-    }
-
-    fn occluded(&self, ray: &Ray) -> bool {
-        self.note(ray, true);
-        self.query.occluded(ray)
-    }
-
-    fn bounds(&self) -> Aabb {
-        self.query.bounds()
-    }
-
-    fn memory(&self) -> usize {
-        self.query.memory()
-    }
-
-    fn name(&self) -> String {
-        self.query.name()
-    }
-}
-
 /// Renders one pass and returns its time in seconds.
 fn one_pass<Q: RayQuery>(scene: &Scene, query: &Q) -> f64 {
     let world = World::new(scene);
@@ -108,6 +72,7 @@ fn one_pass<Q: RayQuery>(scene: &Scene, query: &Q) -> f64 {
     start.elapsed().as_secs_f64()
 }
 
+/// Closest-hit queries come before those of occlusion.
 fn write_recording(path: &Path, scene: &Scene, rays: &[(Ray, bool)]) -> std::io::Result<()> {
     let mut file = BufWriter::new(File::create(path)?);
     let mut put = |bytes: &[u8]| file.write_all(bytes);
@@ -139,9 +104,13 @@ impl BackendTest for Replay<'_> {
     fn run<Q: RayQuery>(&self, backend: &str, query: &Q) {
         let mut times: Vec<f64> = (0..9).map(|_| one_pass(self.0, query)).collect();
         times.sort_by(f64::total_cmp);
-        let recorder = Recorder { query, rays: Mutex::default() };
+        let again = Backend::new(backend, &[]).expect("known").build(&self.0.shapes).expect("built");
+        let recorder = Recorder::new(again, 1 << 30);
         one_pass(self.0, &recorder);
-        let rays = recorder.rays.into_inner().expect("no thread panicked");
+        let (Recording { closest, occlusion }, _) = recorder.take();
+        let mark = |is_occlusion| move |ray| (ray, is_occlusion);
+        let rays: Vec<_> =
+            closest.into_iter().map(mark(false)).chain(occlusion.into_iter().map(mark(true))).collect();
         println!("{backend}: one pass takes {:.4} s (median of 9), {} rays", times[4], rays.len());
         if backend == "embree" {
             let path = Path::new(env!("CARGO_TARGET_TMPDIR")).join("recording.bin");

@@ -56,14 +56,15 @@ impl BackendTest for Honest {
                 let (i, r) = (f64::from(i), f64::from(r));
                 (i - r).powi(2) / (r * r + 0.01)
             };
-            let image = channels(&outcome.film);
+            let film = outcome.groups.merge().expect("one film");
+            let image = channels(&film);
             let sum: f64 = image.iter().copied().zip(reference.iter().copied()).map(error).sum();
             let found = sum / image.len() as f64;
             below += u64::from(found < TARGET);
             ratios.push(estimate.rel_mse / found);
             if seed == 0 {
                 // The passes are those of any render, of as many epochs of the sampler.
-                let each = outcome.film.passes().len() / GROUPS;
+                let each = film.passes().len() / GROUPS;
                 let mut again = new();
                 for group in 0..GROUPS {
                     let passes = group << 16..(group << 16) + each;

@@ -21,7 +21,7 @@ use crate::backends::{BackendTest, on_first_backend};
 use crate::integrators::agreement::integrator;
 use crate::scene_builder::{Build, diffuse, empty, mesh, quad, sphere};
 
-fn glass() -> Material {
+pub(crate) fn glass() -> Material {
     let white = Rgb::ONE;
     Material::Dielectric {
         eta: 1.5,
@@ -31,7 +31,7 @@ fn glass() -> Material {
 }
 
 /// A scene of the project, with a small film.
-fn scene_file(name: &str) -> Scene {
+pub(crate) fn scene_file(name: &str) -> Scene {
     let path = Path::new(env!("CARGO_MANIFEST_DIR")).join("scenes").join(name);
     let mut scene = load(&path, &LoadOptions::default()).expect("a scene").scene;
     let size = UVec2::splat(256);

@@ -37,6 +37,8 @@ mod serialized;
 mod spherical;
 mod statistics;
 mod study;
+mod study_plan;
 mod study_report;
+mod study_run;
 mod support;
 mod warp;

@@ -2,39 +2,15 @@
 
 use std::sync::Arc;
 
-use glam::{Affine2, DAffine3, DVec2, DVec3, UVec2, UVec3, Vec2, Vec3};
+use glam::{Affine2, DAffine3, DVec3, UVec2, UVec3, Vec2, Vec3};
 use helmholtz::scene::{
-    AnalyticShape, Camera, Emitter, FilmSettings, Filter, FovAxis, Geometry, Image, Input,
-    IntegratorSettings, Lens, Material, MaterialId, PixelRect, Rgb, Scene, Shape, Spot, Texels, Texture,
-    TextureId, TriangleMesh,
+    AnalyticShape, Emitter, Geometry, Image, Input, Material, MaterialId, Rgb, Scene, Shape, Spot, Texels,
+    Texture, TextureId, TriangleMesh,
 };
 
 /// A scene of 8x8 pixels without shapes, seen from the origin along +z.
 pub(crate) fn empty() -> Scene {
-    let size = UVec2::splat(8);
-    Scene {
-        shapes: Vec::new(),
-        materials: Vec::new(),
-        textures: Vec::new(),
-        emitters: Vec::new(),
-        camera: Camera {
-            to_world: DAffine3::IDENTITY,
-            fov: 40.0,
-            fov_axis: FovAxis::X,
-            lens: Lens::Pinhole,
-            near_clip: 0.0,
-            far_clip: f64::INFINITY,
-            principal_point: DVec2::ZERO,
-        },
-        film: FilmSettings {
-            size,
-            crop: PixelRect { min: UVec2::ZERO, size },
-            filter: Filter::Box,
-            half_float: false,
-        },
-        integrator: IntegratorSettings::default(),
-        sample_count: 1,
-    }
+    Scene::empty(UVec2::splat(8), 40.0)
 }
 
 pub(crate) trait Build: Sized {

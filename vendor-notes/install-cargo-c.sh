@@ -4,7 +4,7 @@
 #   vendor-notes/install-cargo-c.sh DIR      leaves DIR/cargo-c, to be called as `cargo-c install --release --prefix=...`
 #
 # Where cargo-c is installed, that one is used. Debian 13 and Ubuntu 24.04 have a package: apt-get install cargo-c. Debian 12's is too old for
-# Rust's edition of 2024: there Debian 13's package is unpacked in DIR with all the libraries that it needs, its own C library among them.
+# Rust's edition of 2024: there, on amd64, Debian 13's package is unpacked in DIR with all the libraries that it needs, its own C library among them.
 set -euo pipefail
 
 [ $# -eq 1 ] || { echo "usage: $0 DIR" >&2; exit 2; }
@@ -33,6 +33,7 @@ else
     say "downloading Debian $release's cargo-c and what it needs"
     apt-get -q -c "$directory/apt/apt.conf" install --download-only -y --no-install-recommends cargo-c >/dev/null
     for package in "$directory"/apt/archives/*.deb; do dpkg -x "$package" "$directory/root"; done
+    # Nobody comes here but on amd64 (above), so the folder and the loader are called so.
     libraries=$directory/root/usr/lib/x86_64-linux-gnu
     printf '#!/bin/sh\nexec "%s/ld-linux-x86-64.so.2" --library-path "%s" "%s/usr/bin/cargo-capi" capi "$@"\n' \
         "$libraries" "$libraries" "$directory/root" >"$directory/cargo-c"

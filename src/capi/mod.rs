@@ -15,6 +15,7 @@
 
 mod arguments;
 mod border;
+mod job;
 mod prepared;
 mod query;
 mod registry;

@@ -123,6 +123,17 @@ impl Prepared {
         &self.query
     }
 
+    /// Primitives over which hierarchies were built to make this.
+    pub(super) fn built_primitives(&self) -> u64 {
+        match &self.query {
+            #[cfg(feature = "embree")]
+            AnyQuery::Embree(query) => query.built_primitives(),
+            AnyQuery::Obvhs(query) => query.built_primitives(),
+            // Neither is built here.
+            AnyQuery::Crosscheck(_) | AnyQuery::Recorder(_) => 0,
+        }
+    }
+
     pub(super) fn world(&self) -> &World<'_> {
         &self.world
     }

@@ -33,6 +33,8 @@ struct State {
     origins: Origins,
     backend: Backend,
     update: Update,
+    /// Primitives over which hierarchies were built when the scene was last prepared.
+    built_primitives: u64,
 }
 
 /// A scene that can be changed, or rendered.
@@ -68,7 +70,8 @@ impl SceneObject {
     fn new(loaded: Loaded, threads: usize) -> Self {
         let Loaded { scene, warnings, origins, .. } = loaded;
         let form = Form::Raw(Box::new((scene, None)));
-        let state = State { form, origins, backend: Backend::default(), update: Update::default() };
+        let (backend, update) = (Backend::default(), Update::default());
+        let state = State { form, origins, backend, update, built_primitives: 0 };
         let messages = Mutex::new(warnings.iter().map(ToString::to_string).collect());
         Self { state: RwLock::new(state), messages, threads }
     }
@@ -142,6 +145,7 @@ impl State {
         });
         match prepared {
             Ok(Some(Ok(prepared))) => {
+                self.built_primitives = prepared.built_primitives();
                 self.form = Form::Prepared(Box::new(prepared));
                 Ok(())
             }
@@ -402,6 +406,7 @@ pub unsafe extern "C" fn helmholtz_scene_describe(
             primitive_count: scene.shapes.iter().map(|s| u64::from(s.geometry.primitive_count())).sum(),
             bounds_min: bounds.min.to_array(),
             bounds_max: bounds.max.to_array(),
+            built_primitive_count: state.built_primitives,
         };
         // SAFETY: this function's own contract.
         unsafe { arguments::write(info, &value, "info") }

@@ -126,6 +126,9 @@ pub struct helmholtz_scene_info {
     pub bounds_min: [f32; 3],
     /// Greatest corner of the box around all shapes, -infinity if there are none.
     pub bounds_max: [f32; 3],
+    /// Primitives over which hierarchies were built when the scene was last made ready for rays: 0 if nothing had changed or everything that had could be refitted
+    /// (HELMHOLTZ_REFIT). Those of a shape group count once, and each of its instances as one.
+    pub built_primitive_count: u64,
 }
 
 /// What becomes of what was built for ray queries when meshes change.

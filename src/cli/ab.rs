@@ -7,7 +7,6 @@ use glam::UVec2;
 use serde_json::{Value, json};
 
 use super::integrator::Wanted;
-use super::parse;
 use super::render::resize;
 use super::table::table;
 use super::{CliError, EXIT_DONE, EXIT_FAULTS};
@@ -18,7 +17,7 @@ use crate::query::{Backend, RayQuery};
 use crate::render::Target;
 use crate::scene::Shape;
 use crate::scene::load::{LoadOptions, Loaded, load};
-use crate::spec::{Spec, key_value, spec};
+use crate::spec::{Spec, key_value, size, spec};
 use crate::study::ab::{self, Effort, KINDS, Report};
 use crate::transport::World;
 
@@ -63,7 +62,7 @@ pub(super) struct AbArgs {
     #[arg(long, value_name = "N", value_parser = clap::value_parser!(u32).range(1..))]
     threads: Option<u32>,
     /// Film size in pixels instead of the scene's
-    #[arg(long, value_name = "WIDTHxHEIGHT", value_parser = parse::size)]
+    #[arg(long, value_name = "WIDTHxHEIGHT", value_parser = size)]
     size: Option<UVec2>,
     /// Replace $NAME in the scene file
     #[arg(short = 'D', value_name = "NAME=VALUE", value_parser = key_value)]
@@ -204,17 +203,10 @@ fn statistics(args: &AbArgs, report: &Report, integrator: &str) -> Value {
             "render_seconds": side.rendering.as_secs_f64(),
         })
     };
-    let rays: serde_json::Map<_, _> = KINDS
-        .iter()
-        .zip(&report.findings)
-        .map(|(kind, found)| ((*kind).to_owned(), findings(found)))
-        .collect();
+    let rays: serde_json::Map<_, _> =
+        KINDS.iter().zip(&report.findings).map(|(kind, found)| ((*kind).to_owned(), counts(found))).collect();
     let difference = &report.difference;
     let names = report.sides.each_ref().map(|side| side.name.as_str());
-    let faults: Vec<_> = report
-        .faults()
-        .map(|judged| json!({ "query": judged.dispute.to_string(), "fault": judged.blame(names) }))
-        .collect();
     json!({
         "scene": args.scene,
         "integrator": integrator,
@@ -232,11 +224,12 @@ fn statistics(args: &AbArgs, report: &Report, integrator: &str) -> Value {
             "flip_ldr": difference.flip_ldr,
             "flip_hdr": difference.flip_hdr,
         },
-        "faults": faults,
+        "faults": faults(report.faults(), names),
     })
 }
 
-fn findings(found: &Findings) -> Value {
+/// How often two backends agreed, as JSON.
+pub(super) fn counts(found: &Findings) -> Value {
     json!({
         "compared": found.closest + found.occlusion,
         "same_by_ulps": found.same,
@@ -244,4 +237,40 @@ fn findings(found: &Findings) -> Value {
         "faults": found.faults.len(),
         "not_judged": found.not_judged,
     })
+}
+
+/// Faults of backends of these names as JSON: each query as --replay reads it, with what is wrong.
+pub(super) fn faults<'f>(faults: impl IntoIterator<Item = &'f Judged>, names: [&str; 2]) -> Value {
+    let fault =
+        |judged: &Judged| json!({ "query": judged.dispute.to_string(), "fault": judged.blame(names) });
+    faults.into_iter().map(fault).collect()
+}
+
+#[cfg(test)]
+mod tests {
+    use glam::Vec3;
+
+    use super::*;
+    use crate::query::reference::Fault;
+    use crate::query::{Hit, Ray};
+
+    #[test]
+    fn faults_are_told_in_json_with_queries_that_can_be_asked_again() {
+        let ray = Ray { t_max: 3.5, ..Ray::new(Vec3::new(0.1, -2.0, 1e-30), Vec3::Y) };
+        let hit = Hit { shape: 1, primitive: 2, u: 0.25, v: 0.5, t: 2.0 };
+        let closest = Dispute { ray, answers: Answers::Closest([None, Some(hit)]) };
+        let occlusion = Dispute { ray, answers: Answers::Occlusion([true, false]) };
+        let (missed, imagined) = (Fault::Missed { at: 2.0 }, Fault::Imagined);
+        let judged = [
+            Judged { dispute: closest, faults: [Some(missed), None] },
+            Judged { dispute: occlusion, faults: [Some(imagined), Some(missed)] },
+        ];
+        let value = faults(&judged, ["one", "two"]);
+        assert_eq!(value[0]["fault"], format!("one {missed}"));
+        assert_eq!(value[1]["fault"], format!("one {imagined}; two {missed}"));
+        assert_eq!(value.as_array().map(Vec::len), Some(2));
+        for (i, is_occlusion) in [(0, false), (1, true)] {
+            assert_eq!(parse_query(value[i]["query"].as_str().unwrap()), Ok((is_occlusion, ray)));
+        }
+    }
 }

@@ -8,7 +8,6 @@ use glam::UVec2;
 use serde_json::{Value, json};
 
 use super::integrator::Wanted;
-use super::parse;
 use super::render::resize;
 use super::{CliError, EXIT_DIFFERENT, EXIT_DONE};
 use crate::integrators::vpl::VirtualLights;
@@ -18,7 +17,7 @@ use crate::scene::findings::{Finding, findings};
 use crate::scene::load::{LoadOptions, load};
 use crate::scene::requirements::{PathClass, Requirements};
 use crate::scene::{Geometry, Scene, Shape, Texture};
-use crate::spec::{Spec, key_value, spec};
+use crate::spec::{Spec, key_value, size, spec};
 use crate::study::auto::choose;
 use crate::study::pilot::Pilot;
 use crate::study::verify::{Verdict, judge};
@@ -46,7 +45,7 @@ pub(super) struct InspectArgs {
     #[arg(long)]
     verify: bool,
     /// Film size in pixels instead of the scene's
-    #[arg(long, value_name = "WIDTHxHEIGHT", value_parser = parse::size)]
+    #[arg(long, value_name = "WIDTHxHEIGHT", value_parser = size)]
     size: Option<UVec2>,
     /// Ray queries by, as of `render`
     #[arg(long, value_name = "NAME:KEY=VALUE,...", value_parser = spec)]

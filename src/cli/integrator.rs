@@ -3,15 +3,12 @@
 use std::time::Instant;
 
 use super::CliError;
-use crate::integrators::{Ability, Integrator, IntegratorError, PathLength};
+use crate::integrators::{Integrator, IntegratorError, PathLength};
 use crate::query::RayQuery;
-use crate::scene::requirements::Requirements;
+use crate::scene::requirements::{PathClass, Requirements};
 use crate::scene::{IntegratorSettings, Scene};
 use crate::spec::Spec;
-use crate::study::auto::choose;
-
-/// What the command line calls the choice by a pilot.
-pub(super) const AUTO: &str = "auto";
+use crate::study::auto::{AUTO, choose};
 
 /// An integrator that was asked for.
 #[derive(Debug, Clone, Copy)]
@@ -83,14 +80,11 @@ impl Wanted {
 
 /// What a scene's own integrator cannot do in it.
 fn hint(scene: &Scene, integrator: Integrator) -> Option<String> {
-    let needs = Requirements::of(scene);
-    let classes = needs.classes(integrator.length().limit());
-    let blind = classes.into_iter().filter(|&class| integrator.ability(class, &needs) == Ability::Cannot);
-    let notation: Vec<_> = blind.map(|class| format!("{} ({})", class.notation(), class.words())).collect();
-    (!notation.is_empty()).then(|| {
+    let blind = integrator.blind_to(&Requirements::of(scene));
+    (!blind.is_empty()).then(|| {
         format!(
             "hint: the scene's integrator cannot find all light of paths {}; --integrator auto looks for one that does",
-            notation.join(", ")
+            PathClass::list(&blind)
         )
     })
 }

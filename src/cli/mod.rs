@@ -11,6 +11,7 @@ mod parse;
 mod progress;
 mod render;
 mod selftest;
+mod study;
 mod table;
 
 use std::process::ExitCode;
@@ -47,6 +48,7 @@ enum Command {
     Diff(diff::DiffArgs),
     Ab(Box<ab::AbArgs>),
     Inspect(inspect::InspectArgs),
+    Study(Box<study::StudyArgs>),
     Selftest(selftest::SelftestArgs),
 }
 
@@ -58,6 +60,7 @@ pub fn run(cli: Cli) -> ExitCode {
         Command::Diff(args) => diff::run(&args),
         Command::Ab(args) => ab::run(&args),
         Command::Inspect(args) => inspect::run(&args),
+        Command::Study(args) => study::run(&args),
         Command::Selftest(args) => selftest::run(&args),
     };
     match result {

@@ -75,6 +75,12 @@ impl Integrator {
         }
     }
 
+    /// The classes of paths that exist in a scene with these requirements and of which it cannot find all light.
+    pub fn blind_to(&self, needs: &Requirements) -> Vec<PathClass> {
+        let classes = needs.classes(self.length().limit());
+        classes.into_iter().filter(|&class| self.ability(class, needs) == Ability::Cannot).collect()
+    }
+
     /// What is wrong with its image however many passes are made; `None` if nothing is.
     pub fn bias(&self) -> Option<&'static str> {
         match self {

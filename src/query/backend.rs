@@ -91,6 +91,18 @@ impl Backend {
         }
     }
 
+    /// Name and settings, in the form that the command line takes.
+    pub fn describe(&self) -> String {
+        match self {
+            #[cfg(feature = "embree")]
+            Self::Embree(EmbreeSettings { robust, quality, compact }) => {
+                format!("embree:robust={robust},quality={},compact={compact}", quality_name(*quality))
+            }
+            Self::Obvhs(quality) => format!("obvhs:quality={}", quality_name(*quality)),
+            Self::Crosscheck => "crosscheck".to_owned(),
+        }
+    }
+
     /// Builds the backend over shapes.
     ///
     /// # Errors
@@ -201,13 +213,15 @@ fn obvhs_quality(text: &[(String, String)]) -> Result<BuildQuality, BackendError
     Ok(found)
 }
 
+const QUALITIES: [(&str, BuildQuality); 3] =
+    [("low", BuildQuality::Low), ("medium", BuildQuality::Medium), ("high", BuildQuality::High)];
+
 fn quality(name: &str) -> Option<BuildQuality> {
-    match name {
-        "low" => Some(BuildQuality::Low),
-        "medium" => Some(BuildQuality::Medium),
-        "high" => Some(BuildQuality::High),
-        _ => None,
-    }
+    QUALITIES.into_iter().find(|(n, _)| *n == name).map(|(_, quality)| quality)
+}
+
+fn quality_name(quality: BuildQuality) -> &'static str {
+    QUALITIES.into_iter().find(|(_, q)| *q == quality).map_or("", |(name, _)| name)
 }
 
 fn bad_setting(backend: &'static str, key: &str, value: &str, known: &'static str) -> BackendError {

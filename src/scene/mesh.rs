@@ -91,6 +91,7 @@ pub struct TriangleMesh {
     uvs: Vec<Vec2>,
     attributes: Vec<MeshAttribute>,
     flip_normals: bool,
+    bounds: Aabb,
     /// Of the positions; see [`revision`](Self::revision).
     revision: u64,
     /// Of the triangles; see [`topology`](Self::topology).
@@ -145,6 +146,7 @@ impl TriangleMesh {
             normals = Vec::new();
             flip_normals ^= turned_over;
         }
+        let bounds = triangles.iter().flatten().fold(Aabb::EMPTY, |b, &i| b.extend(positions[i as usize]));
         positions.reserve_exact(1);
         positions.push(Vec3::ZERO);
         Ok(Self {
@@ -154,6 +156,7 @@ impl TriangleMesh {
             uvs,
             attributes: Vec::new(),
             flip_normals,
+            bounds,
             revision: next_revision(),
             topology: next_revision(),
         })
@@ -168,6 +171,7 @@ impl TriangleMesh {
             uvs: Vec::new(),
             attributes: Vec::new(),
             flip_normals: false,
+            bounds: Aabb::EMPTY,
             revision: 0,
             topology: 0,
         }
@@ -268,7 +272,7 @@ impl TriangleMesh {
 
     /// World bounds of the vertices that triangles use.
     pub fn bounds(&self) -> Aabb {
-        self.triangles.iter().flatten().fold(Aabb::EMPTY, |b, &i| b.extend(self.padded_positions[i as usize]))
+        self.bounds
     }
 
     /// Bytes held by the buffers.

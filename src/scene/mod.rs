@@ -30,7 +30,7 @@ pub use shape::{Aabb, Geometry, Shape};
 pub use surface::SurfacePoint;
 pub use texture::{Bitmap, Input, Place, TexelFilter, Texture, TextureId, Textures, Wrap};
 
-use glam::{UVec2, Vec3};
+use glam::{DAffine3, DVec2, UVec2, Vec3};
 
 /// A colour: linear RGB with Rec. 709 primaries, the working space of Mitsuba's `rgb` variants.
 /// Radiance is in W/(m^2 sr) by convention; the renderer only relies on linearity.
@@ -124,4 +124,31 @@ pub struct Scene {
     pub integrator: IntegratorSettings,
     /// Samples per pixel that the file's sampler asks for (Mitsuba's default is 4).
     pub sample_count: u32,
+}
+
+impl Scene {
+    /// Nothing but a camera: a pinhole at the origin that looks along +z, with this angle of view (in degrees, across the width) and a film of this size with a box
+    /// filter. What is in the scene is put into it.
+    pub fn empty(size: UVec2, fov: f64) -> Self {
+        let camera = Camera {
+            to_world: DAffine3::IDENTITY,
+            fov,
+            fov_axis: FovAxis::X,
+            lens: Lens::Pinhole,
+            near_clip: 0.0,
+            far_clip: f64::INFINITY,
+            principal_point: DVec2::ZERO,
+        };
+        let crop = PixelRect { min: UVec2::ZERO, size };
+        Self {
+            shapes: Vec::new(),
+            materials: Vec::new(),
+            textures: Vec::new(),
+            emitters: Vec::new(),
+            camera,
+            film: FilmSettings { size, crop, filter: Filter::Box, half_float: false },
+            integrator: IntegratorSettings::default(),
+            sample_count: 1,
+        }
+    }
 }

@@ -107,6 +107,12 @@ impl PathClass {
         }
     }
 
+    /// Notation and words of several.
+    pub fn list(classes: &[Self]) -> String {
+        let one = |class: &Self| format!("{} ({})", class.notation(), class.words());
+        classes.iter().map(one).collect::<Vec<_>>().join(", ")
+    }
+
     /// Least number of segments of a path of the class.
     pub fn least_depth(self) -> u32 {
         match self {

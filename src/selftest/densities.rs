@@ -65,7 +65,7 @@ impl Task for Count<'_> {
 }
 
 /// The share of contributions whose weight is not in [0, 1] or whose value is no number: none may be. How many weights are 0, because another strategy is more than 1e22 times as likely, is
-/// reported. That the weights of all strategies of a path sum to one is a matter of explicit paths, which `tests/integrators/weights.rs` takes
+/// reported. That the weights of all strategies of a path sum to one is a matter of explicit paths, which `tests/integrators/weights` takes
 /// to pieces, at scales of 1e-6 and 1e6 too; and that no path is lost, of the images of [`places`](super::places), which are the same to the last bit.
 pub(super) fn check(bench: &Bench) -> Result<Vec<Finding>, SelftestError> {
     let unit = room(16)?;

@@ -1,6 +1,6 @@
 //! Small scenes, elsewhere or otherwise, rendered by each integrator, and what their images are held against.
 
-use glam::{DAffine3, DVec2, DVec3, UVec2, Vec3};
+use glam::{DAffine3, DVec3, UVec2, Vec3};
 
 use super::solids::{Solid, quad};
 use super::{Bench, SelftestError, Task};
@@ -9,9 +9,8 @@ use crate::integrators::{Integrator, IntegratorError};
 use crate::query::RayQuery;
 use crate::render::{Control, RenderError, Stop, Target, render};
 use crate::scene::{
-    AnalyticKind, AnalyticShape, Camera, Emitter, FilmSettings, Filter, FovAxis, Geometry,
-    IntegratorSettings, Lens, Material, MaterialId, Microfacet, PixelRect, Rgb, Scene, Shape, Spot,
-    TriangleMesh,
+    AnalyticKind, AnalyticShape, Emitter, Geometry, Lens, Material, MaterialId, Microfacet, Rgb, Scene,
+    Shape, Spot, TriangleMesh,
 };
 use crate::transport::World;
 
@@ -46,30 +45,7 @@ pub(super) fn integrator(name: &str, parameters: &[(&str, &str)]) -> Result<Inte
 
 /// A scene of `size` pixels without shapes, seen from the origin along +z.
 pub(super) fn empty(size: u32) -> Scene {
-    let size = UVec2::splat(size);
-    Scene {
-        shapes: Vec::new(),
-        materials: Vec::new(),
-        textures: Vec::new(),
-        emitters: Vec::new(),
-        camera: Camera {
-            to_world: DAffine3::IDENTITY,
-            fov: 60.0,
-            fov_axis: FovAxis::X,
-            lens: Lens::Pinhole,
-            near_clip: 0.0,
-            far_clip: f64::INFINITY,
-            principal_point: DVec2::ZERO,
-        },
-        film: FilmSettings {
-            size,
-            crop: PixelRect { min: UVec2::ZERO, size },
-            filter: Filter::Box,
-            half_float: false,
-        },
-        integrator: IntegratorSettings::default(),
-        sample_count: 1,
-    }
+    Scene::empty(UVec2::splat(size), 60.0)
 }
 
 /// Adds a shape with a material of its own.

@@ -243,15 +243,8 @@ fn key(ray: &Ray) -> [u32; 6] {
     [o.x, o.y, o.z, d.x, d.y, d.z].map(f32::to_bits)
 }
 
-/// An image as a picture to be compared.
-fn picture(image: &Image) -> Picture {
-    let [r, g, b] = ["R", "G", "B"].map(|name| image.floats(name).unwrap_or_default());
-    let pixels = r.iter().zip(g).zip(b).map(|((&r, &g), &b)| Vec3::new(r, g, b)).collect();
-    Picture { size: image.crop.size, pixels, variance: None, is_display: false }
-}
-
 fn difference(a: &Image, b: &Image) -> Difference {
-    let (a, b) = (picture(a), picture(b));
+    let (a, b) = (Picture::of(a), Picture::of(b));
     let bits = |p: &Vec3| p.to_array().map(f32::to_bits);
     Difference {
         errors: compare(&a, &b).ok(),
@@ -369,7 +362,7 @@ impl Report {
         for side in &self.sides {
             page.image(&side.name, &side.image)?;
         }
-        let [a, b] = self.sides.each_ref().map(|side| picture(&side.image));
+        let [a, b] = self.sides.each_ref().map(|side| Picture::of(&side.image));
         if let Ok(errors) = relative_squared_errors(&a, &b) {
             let caption = format!("relative squared difference: {LEGEND}");
             page.image(&caption, &heat_map(a.size, &errors))?;

@@ -14,6 +14,9 @@ use crate::scene::requirements::{PathClass, Requirements};
 use crate::study::pilot::Pilot;
 use crate::transport::World;
 
+/// What people call the choice, where they name integrators.
+pub const AUTO: &str = "auto";
+
 /// Rays per pixel for which errors are compared: some ten seconds at 512x512 on two cores.
 const BUDGET: f64 = 500.0;
 
@@ -59,8 +62,31 @@ struct Candidate {
 /// # Errors
 /// If a pilot has too many photons.
 pub fn choose<Q: RayQuery>(scene: &Scene, query: &Q, length: PathLength) -> Result<Choice, TooManyStored> {
+    choose_among(candidates(length), scene, query, length)
+}
+
+/// Chooses an integrator that has no bias, for references.
+///
+/// # Errors
+/// As of [`choose`].
+pub fn choose_unbiased<Q: RayQuery>(
+    scene: &Scene,
+    query: &Q,
+    length: PathLength,
+) -> Result<Choice, TooManyStored> {
+    let mut unbiased = candidates(length);
+    unbiased.retain(|(_, integrator, _)| integrator.bias().is_none());
+    choose_among(unbiased, scene, query, length)
+}
+
+/// Chooses among candidates, of which `path` is the first.
+fn choose_among<Q: RayQuery>(
+    candidates: Vec<(&'static str, Integrator, f64)>,
+    scene: &Scene,
+    query: &Q,
+    length: PathLength,
+) -> Result<Choice, TooManyStored> {
     let needs = Requirements::of(scene);
-    let candidates = candidates(length);
     let path = candidates[0].1;
     let classes = needs.classes(length.limit());
     let is_simple = |class: &PathClass| *class <= PathClass::DirectMirrored;

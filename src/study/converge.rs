@@ -50,7 +50,7 @@ pub struct Groups {
 #[derive(Debug)]
 pub struct Outcome {
     /// All passes.
-    pub film: Film,
+    pub groups: Groups,
     /// The last estimate; `None` if a group has no pass.
     pub estimate: Option<ErrorEstimate>,
     /// Whether the upper bound is below the target.
@@ -77,6 +77,20 @@ impl Groups {
 
     /// The estimate, if all groups have the same number of passes, at least one.
     pub fn estimate(&self) -> Option<ErrorEstimate> {
+        self.with_channels(estimate)
+    }
+
+    /// Variance of each pixel's mean over the groups, of red, green and blue; `None` where there is no [`estimate`](Self::estimate).
+    pub fn variance(&self) -> Option<Vec<Vec<f32>>> {
+        let of = |planes: &[&[f32]; GROUPS as usize]| {
+            let at = |pixel| (deviations(planes, pixel).iter().sum::<f64>() / MEAN_OF_SQUARES) as f32;
+            (0..planes[0].len()).map(at).collect()
+        };
+        self.with_channels(|channels| channels.iter().map(of).collect())
+    }
+
+    /// Does something with each group's values of red, green and blue, if all have the same number of passes, at least one.
+    fn with_channels<R>(&self, work: impl FnOnce(&[[&[f32]; GROUPS as usize]]) -> R) -> Option<R> {
         if self.count == 0 || self.films.iter().any(|film| film.passes().len() != self.count) {
             return None;
         }
@@ -88,7 +102,7 @@ impl Groups {
                 planes?.try_into().ok()
             })
             .collect();
-        Some(estimate(&channels))
+        Some(work(&channels))
     }
 
     /// All passes in one film.
@@ -105,6 +119,16 @@ impl Groups {
     }
 }
 
+/// What a sum of squared deviations is divided by to be the variance of a mean.
+const MEAN_OF_SQUARES: f64 = (GROUPS * (GROUPS - 1)) as f64;
+
+/// Squared deviations of the groups' values of a pixel from their mean.
+fn deviations(planes: &[&[f32]; GROUPS as usize], pixel: usize) -> [f64; GROUPS as usize] {
+    let values = planes.map(|plane| f64::from(plane[pixel]));
+    let mean = values.iter().sum::<f64>() / f64::from(GROUPS);
+    values.map(|value| (value - mean) * (value - mean))
+}
+
 /// The estimate from the values of each channel in each group.
 fn estimate(channels: &[[&[f32]; GROUPS as usize]]) -> ErrorEstimate {
     let n = f64::from(GROUPS);
@@ -112,20 +136,18 @@ fn estimate(channels: &[[&[f32]; GROUPS as usize]]) -> ErrorEstimate {
     let mut count = 0_usize;
     for planes in channels {
         for pixel in 0..planes[0].len() {
-            let values = planes.map(|plane| f64::from(plane[pixel]));
-            let mean = values.iter().sum::<f64>() / n;
-            let mut sorted = values;
+            let mut sorted = planes.map(|plane| f64::from(plane[pixel]));
             sorted.sort_by(f64::total_cmp);
             let median = 0.5 * (sorted[GROUPS as usize / 2 - 1] + sorted[GROUPS as usize / 2]);
             let weight = 1.0 / (median * median + REL_MSE_OFFSET);
-            for (sum, value) in squares.iter_mut().zip(values) {
-                *sum += (value - mean) * (value - mean) * weight;
+            for (sum, square) in squares.iter_mut().zip(deviations(planes, pixel)) {
+                *sum += square * weight;
             }
             count += 1;
         }
     }
-    // The variance of a mean is the sum of squares over n (n - 1).
-    let parts = squares.map(|sum| sum / (count.max(1) as f64 * (n - 1.0)));
+    // Their mean is the estimate.
+    let parts = squares.map(|sum| n * sum / (count.max(1) as f64 * MEAN_OF_SQUARES));
     let rel_mse = parts.iter().sum::<f64>() / n;
     let spread = parts.iter().map(|p| (p - rel_mse) * (p - rel_mse)).sum::<f64>() / (n - 1.0);
     ErrorEstimate { rel_mse, upper: rel_mse + QUANTILE * (spread / n).sqrt() }
@@ -173,7 +195,7 @@ pub fn render_to_error<Q: RayQuery>(
             }
         }
     }
-    Ok(Outcome { film: groups.merge()?, estimate: last, is_reached, progress: done })
+    Ok(Outcome { groups, estimate: last, is_reached, progress: done })
 }
 
 #[cfg(test)]

@@ -5,9 +5,11 @@ use std::fs::{self, File};
 use std::io::Read;
 use std::path::Path;
 
-use exr::prelude::{AnyChannel, FlatSamples, Sample};
+use exr::meta::MetaData;
+use exr::prelude::{AnyChannel, AttributeValue, FlatSamples, Sample};
 use glam::{UVec2, Vec3};
 
+use crate::film::Image;
 use crate::scene::load::{LoadError, Location, exr as exr_file, load_image};
 
 /// An image as it is compared.
@@ -50,10 +52,28 @@ impl Picture {
         Ok(Self { size, pixels, variance: None, is_display: image.is_integer() })
     }
 
+    /// The colours of an image that was developed here.
+    pub fn of(image: &Image) -> Self {
+        let [r, g, b] = ["R", "G", "B"].map(|name| image.floats(name).unwrap_or_default());
+        let pixels = r.iter().zip(g).zip(b).map(|((&r, &g), &b)| Vec3::new(r, g, b)).collect();
+        Self { size: image.crop.size, pixels, variance: None, is_display: false }
+    }
+
     /// Red, green and blue of a pixel.
     pub fn at(&self, x: u32, y: u32) -> Vec3 {
         self.pixels[y as usize * self.size.x as usize + x as usize]
     }
+}
+
+/// The seed that a file was rendered with, if it is an OpenEXR image that Helmholtz wrote.
+pub fn seed_of(path: &Path) -> Option<u64> {
+    let meta = MetaData::read_from_file(path, false).ok()?;
+    let attributes = meta.headers.iter().flat_map(|header| &header.own_attributes.other);
+    let mut seeds = attributes.filter_map(|(name, value)| match value {
+        AttributeValue::Text(text) if name.eq("helmholtz.seed") => text.to_string().parse().ok(),
+        _ => None,
+    });
+    seeds.next()
 }
 
 fn read_exr(path: &Path, bytes: &[u8]) -> Result<Picture, LoadError> {

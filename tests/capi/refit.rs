@@ -67,6 +67,28 @@ fn assert_same(a: &impl RayQuery, b: &impl RayQuery, what: &str) {
     assert_eq!(a.bounds(), b.bounds(), "{what}");
 }
 
+/// Two meshes and a group of 8 * 4^4 triangles each, a sphere, and an instance.
+const PRIMITIVES: u64 = 3 * 2048 + 2;
+
+/// Primitives that are built again when meshes are deformed.
+fn built_by(update: Update) -> u64 {
+    match update {
+        Update::Rebuild => PRIMITIVES,
+        Update::Refit => 0,
+    }
+}
+
+/// Puts the corners of a triangle in another order: the same surface, but not the same triangles.
+fn turn_a_triangle(shapes: &mut [Shape]) {
+    let Geometry::Mesh(mesh) = &shapes[0].geometry else { unreachable!() };
+    let mut triangles = mesh.triangles().to_vec();
+    triangles[17].rotate_left(1);
+    let new = TriangleMesh::new(mesh.positions().to_vec(), triangles, vec![], vec![], false).unwrap();
+    let empty = Geometry::Mesh(TriangleMesh::new(vec![], vec![], vec![], vec![], false).unwrap());
+    let Geometry::Mesh(old) = std::mem::replace(&mut shapes[0].geometry, empty) else { unreachable!() };
+    shapes[0].geometry = Geometry::Mesh(new.in_place_of(old));
+}
+
 #[test]
 fn obvhs_after_a_deformation() {
     for update in [Update::Rebuild, Update::Refit] {
@@ -76,12 +98,23 @@ fn obvhs_after_a_deformation() {
             deform(&mut shapes, phase);
             let query = detached.attach(&shapes, BuildQuality::Medium, update);
             assert_same(&query, &ObvhsQuery::new(&shapes, BuildQuality::Medium), "obvhs, deformed");
+            assert_eq!(query.built_primitives(), built_by(update));
             detached = query.detach();
         }
+        shapes[3].material = helmholtz::scene::MaterialId(3);
+        let query = detached.attach(&shapes, BuildQuality::Medium, update);
+        assert_eq!(query.built_primitives(), 0, "another material");
+        detached = query.detach();
+        turn_a_triangle(&mut shapes);
+        let query = detached.attach(&shapes, BuildQuality::Medium, update);
+        assert_same(&query, &ObvhsQuery::new(&shapes, BuildQuality::Medium), "obvhs, another topology");
+        assert_eq!(query.built_primitives(), PRIMITIVES);
+        detached = query.detach();
         // The last of the shapes goes, and with it the primitives that the tree names.
         shapes.pop();
         let query = detached.attach(&shapes, BuildQuality::Medium, update);
         assert_same(&query, &ObvhsQuery::new(&shapes, BuildQuality::Medium), "obvhs, a shape less");
+        assert_eq!(query.built_primitives(), PRIMITIVES - 2048);
     }
 }
 
@@ -107,15 +140,23 @@ fn embree_after_a_deformation() {
                     &new(&shapes, settings),
                     &format!("embree, compact {compact}, {update:?}"),
                 );
+                assert_eq!(query.built_primitives(), built_by(update));
                 detached = query.detach();
             }
             shapes[3].material = helmholtz::scene::MaterialId(3);
             let query = detached.attach(&shapes, settings, update).unwrap();
             assert_same(&query, &new(&shapes, settings), "embree, another material");
+            assert_eq!(query.built_primitives(), 0, "another material");
+            detached = query.detach();
+            turn_a_triangle(&mut shapes);
+            let query = detached.attach(&shapes, settings, update).unwrap();
+            assert_same(&query, &new(&shapes, settings), "embree, another topology");
+            assert_eq!(query.built_primitives(), PRIMITIVES);
             detached = query.detach();
             shapes.pop();
             let query = detached.attach(&shapes, settings, update).unwrap();
             assert_same(&query, &new(&shapes, settings), "embree, a shape less");
+            assert_eq!(query.built_primitives(), PRIMITIVES - 2048);
             // Nothing of it may be looked at while it is detached: the shapes are gone.
             let detached = query.detach();
             drop(shapes);

@@ -214,8 +214,11 @@ static void editing(void) {
     ARGUMENT(helmholtz_scene_find_shape(scene, "quad", NULL));
     HANDLE(helmholtz_scene_find_shape(none, "quad", &number));
 
+    TRUE(info.built_primitive_count == 0);
     OK(helmholtz_scene_commit(scene));
     HANDLE(helmholtz_scene_commit(none));
+    OK(helmholtz_scene_describe(scene, &info));
+    TRUE(info.built_primitive_count == 2);
     NEAR(distance_to(scene), 3);
 
     memcpy(moved, vertices, sizeof moved);
@@ -224,9 +227,13 @@ static void editing(void) {
         int k;
         OK(helmholtz_scene_set_backend(scene, i ? "obvhs:quality=low" : NULL, HELMHOLTZ_REFIT));
         NEAR(distance_to(scene), 3 - (float)i);
+        OK(helmholtz_scene_describe(scene, &info));
+        TRUE(info.built_primitive_count == 2);
         for (k = 0; k < 4; ++k) moved[k][2] = 1;
         OK(helmholtz_scene_set_mesh(scene, "quad", &mesh));
         NEAR(distance_to(scene), 2);
+        OK(helmholtz_scene_describe(scene, &info));
+        TRUE(info.built_primitive_count == 0);
     }
     OK(helmholtz_scene_set_backend(scene, "embree", HELMHOLTZ_REBUILD));
     NEAR(distance_to(scene), 2);

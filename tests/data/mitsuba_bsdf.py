@@ -1,6 +1,6 @@
-"""Writes mitsuba_bsdf.txt: values of Mitsuba's BSDFs, which tests/bsdf.rs compares ours with.
+"""Writes mitsuba_bsdf.txt: values of Mitsuba's BSDFs, which tests/bsdf compares ours with.
 
-Needs `pip install mitsuba`; run as `python mitsuba_bsdf.py > mitsuba_bsdf.txt`. The materials are those of `mitsuba_materials` in tests/bsdf.rs.
+Needs `pip install mitsuba`; run as `python mitsuba_bsdf.py > mitsuba_bsdf.txt`. The materials are those of `mitsuba_material` in tests/bsdf/mod.rs.
 """
 import math
 

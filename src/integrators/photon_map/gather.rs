@@ -64,8 +64,7 @@ impl Photons {
                 // that, which leaves up to 1 / (2 k) too little with the constant filter.
                 let heap = &mut scratch.nearest;
                 self.map.nearest(&site, k + 1, limit, accepts, heap);
-                let is_bounded = heap.len() <= k && limit < f32::INFINITY;
-                let farthest = if is_bounded { None } else { heap.pop() };
+                let farthest = if heap.len() > k { heap.pop() } else { None };
                 // If it lies at the site itself, as all others do, the density is infinite, and the sample is dropped as such.
                 let radius_squared =
                     farthest.map_or(limit, |(bits, _)| f32::from_bits(bits)).max(f32::MIN_POSITIVE);

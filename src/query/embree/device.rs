@@ -20,6 +20,9 @@ pub(super) struct Device {
 #[derive(Default)]
 struct Monitor {
     bytes: AtomicIsize,
+    /// What was ever allocated, freed or not.
+    #[cfg(test)]
+    allocated: std::sync::atomic::AtomicUsize,
     first_error: Mutex<Option<String>>,
 }
 
@@ -104,6 +107,12 @@ impl Device {
         usize::try_from(self.monitor.bytes.load(Ordering::Relaxed)).unwrap_or(0)
     }
 
+    /// Bytes that were ever allocated.
+    #[cfg(test)]
+    pub(super) fn allocated(&self) -> usize {
+        self.monitor.allocated.load(Ordering::Relaxed)
+    }
+
     /// The first error since the last check, as the failure of `call`.
     pub(super) fn check(&self, call: &'static str) -> Result<(), EmbreeError> {
         let error = self.monitor.first_error.lock().unwrap_or_else(PoisonError::into_inner).take();
@@ -138,6 +147,8 @@ unsafe extern "C" fn on_memory(monitor: *mut c_void, bytes: isize, _after_the_fa
     // SAFETY: as in `on_error`.
     let monitor = unsafe { &*monitor.cast::<Monitor>() };
     monitor.bytes.fetch_add(bytes, Ordering::Relaxed);
+    #[cfg(test)]
+    monitor.allocated.fetch_add(bytes.max(0) as usize, Ordering::Relaxed);
     true
 }
 

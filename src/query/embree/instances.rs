@@ -29,6 +29,8 @@ pub(super) struct Instances {
     /// One per group.
     scenes: Vec<Scene>,
     placed: Box<[Placed]>,
+    /// Primitives of all groups.
+    group_primitives: u64,
 }
 
 impl Instances {
@@ -41,6 +43,7 @@ impl Instances {
         let mut scenes = Vec::new();
         let mut known: HashMap<*const Group, ffi::RTCScene> = HashMap::new();
         let mut placed = Vec::new();
+        let mut group_primitives = 0;
         for (shape, index) in shapes.iter().zip(0..) {
             let Geometry::Instance(instance) = &shape.geometry else { continue };
             if instance.group().primitive_count() == 0 {
@@ -59,11 +62,17 @@ impl Instances {
                 let handle = scene.0;
                 known.insert(key, handle);
                 scenes.push(scene);
+                group_primitives += u64::from(instance.group().primitive_count());
                 handle
             };
             placed.push(Placed { instance, scene, shape: index });
         }
-        Ok(Self { scenes, placed: placed.into() })
+        Ok(Self { scenes, placed: placed.into(), group_primitives })
+    }
+
+    /// Number of primitives over which hierarchies are built on behalf of instances: those of the groups, and the instances themselves.
+    pub(super) fn built_primitives(&self) -> u64 {
+        self.group_primitives + self.placed.len() as u64
     }
 
     /// Has the callbacks look at these shapes, which must be those of [`new`](Self::new).

@@ -100,6 +100,7 @@ pub struct EmbreeQuery<'s> {
     bounds: Aabb,
     settings: EmbreeSettings,
     update: Update,
+    built_primitives: u64,
 }
 
 // SAFETY: Embree's handles belong to no thread. After the commit in `new` the scene is only read, by queries, which
@@ -141,7 +142,16 @@ impl<'s> EmbreeQuery<'s> {
         }
         commit(&device, &scene, settings, update)?;
         let bounds = shapes.iter().fold(Aabb::EMPTY, |bounds, shape| bounds.union(shape.geometry.bounds()));
-        Ok(Self { scene, instances, device, shapes, bounds, settings, update })
+        let own = shapes.iter().filter(|shape| !matches!(shape.geometry, Geometry::Instance(_)));
+        let own: u64 = own.map(|shape| u64::from(shape.geometry.primitive_count())).sum();
+        let built_primitives = own + instances.built_primitives();
+        Ok(Self { scene, instances, device, shapes, bounds, settings, update, built_primitives })
+    }
+
+    /// Number of primitives over which hierarchies were built to make this query: of a new one all, those of a group once and each instance as one; of one that was
+    /// made by [`DetachedEmbree::attach`] none if there was nothing to build.
+    pub fn built_primitives(&self) -> u64 {
+        self.built_primitives
     }
 
     /// Index of the shape and the primitive of a hit on an instance.
@@ -207,6 +217,10 @@ fn commit(
     }
     if settings.compact {
         flags |= ffi::RTC_SCENE_FLAG_COMPACT;
+    }
+    if update == Update::Refit {
+        // Without it Embree forgets after a commit what it has built, and builds all of it at the next.
+        flags |= ffi::RTC_SCENE_FLAG_DYNAMIC;
     }
     // SAFETY: the scene is live, and no query runs yet.
     unsafe {

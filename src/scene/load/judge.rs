@@ -5,6 +5,7 @@
 use std::path::Path;
 
 use glam::Vec3;
+use rayon::prelude::*;
 
 use super::{Location, Log, bounds_of};
 use crate::scene::{Aabb, Geometry, Shape, TriangleMesh};
@@ -54,7 +55,7 @@ pub(super) fn shapes(path: &Path, shapes: &[Shape], log: &mut Log) {
             ),
         );
     }
-    let flat: usize = meshes.map(|(_, mesh)| without_area(mesh)).sum();
+    let flat: usize = meshes.par_bridge().map(|(_, mesh)| without_area(mesh)).sum();
     if flat > 0 {
         let triangles = if flat == 1 { "triangle" } else { "triangles" };
         log.note(

@@ -5,6 +5,7 @@
 //! between its facets, on the way in, on the way out and inside.
 
 use glam::{Vec2, Vec3};
+use rayon::prelude::*;
 use std::f32::consts::FRAC_1_PI;
 
 use super::conductor::{reflection_half_vector, reflection_pdf};
@@ -56,10 +57,13 @@ impl Coat {
         };
         let facets = Microfacets::new(distribution, [alpha; 2], 0.0);
         let cos = |i: usize| (i as f32 / (TABLE - 1) as f32).max(1e-6);
-        let transmittance = (0..TABLE).map(|i| single_scattering(&facets, cos(i), eta).transmitted).collect();
+        // A scene may have hundreds of coats, each of which takes milliseconds.
+        let table =
+            |of: &(dyn Fn(usize) -> f32 + Sync)| (0..TABLE).into_par_iter().map(of).collect::<Vec<_>>();
+        let transmittance = table(&|i| single_scattering(&facets, cos(i), eta).transmitted);
         // Mitsuba's rule: the sum of all 64 entries over their number, which is short of the integral by about 1/64.
-        let mean = |i: usize| f64::from(single_scattering(&facets, cos(i), 1.0 / eta).reflected * cos(i));
-        let internal = 2.0 * (0..TABLE).map(mean).sum::<f64>() / TABLE as f64;
+        let reflected = table(&|i| single_scattering(&facets, cos(i), 1.0 / eta).reflected * cos(i));
+        let internal = 2.0 * reflected.into_iter().map(f64::from).sum::<f64>() / TABLE as f64;
         let rough = Some(RoughCoat { facets, transmittance });
         Self { eta, internal_reflectance: internal as f32, rough }
     }

@@ -7,7 +7,8 @@ use glam::{DVec3, Vec3};
 use super::super::LoadError;
 use super::super::image::{self, Content};
 use super::Builder;
-use super::properties::{Kind, Parameter, Plugin, Properties};
+use super::plugin::{Kind, Parameter, Plugin};
+use super::properties::Properties;
 use super::sensors::is_similarity;
 use crate::scene::{Emitter, EnvironmentMap, Input, Rgb, Spot, TriangleMesh};
 

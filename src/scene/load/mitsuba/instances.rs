@@ -5,7 +5,8 @@ use std::sync::Arc;
 
 use glam::DAffine3;
 
-use super::properties::{Description, Kind, Parameter, Properties};
+use super::plugin::{Description, Kind, Parameter};
+use super::properties::Properties;
 use super::xml::{Category, Document, ObjectId, Span};
 use super::{Builder, LoadError};
 use crate::scene::{Geometry, Group, Instance, InstanceError, Shape};

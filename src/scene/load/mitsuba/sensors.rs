@@ -3,7 +3,8 @@
 use glam::{DAffine3, DVec2, UVec2};
 
 use super::super::{LoadError, Log};
-use super::properties::{Kind, Parameter, Plugin, Properties};
+use super::plugin::{Kind, Parameter, Plugin};
+use super::properties::Properties;
 use super::xml::Category;
 use crate::scene::{Camera, FilmSettings, Filter, FovAxis, Lens, PixelRect};
 

@@ -1,16 +1,19 @@
-//! The `shape` plugins.
+//! The `shape` plugins, and how the geometry of their shapes is loaded.
 
 use std::path::PathBuf;
 use std::sync::Arc;
 
 use glam::{DAffine3, DVec3, Vec2, Vec3};
+use rayon::prelude::*;
 
 use super::super::mesh::{Normals, Placement, RawMesh};
 use super::super::{LoadError, Location, Log, obj, ply, serialized};
-use super::properties::{Kind, Parameter, Plugin, Properties};
+use super::builder::{Attribute, PlannedShape};
+use super::plugin::{Kind, Parameter, Plugin};
+use super::properties::Properties;
 use super::values::tangent_frame;
-use super::xml::Category;
-use crate::scene::{AnalyticKind, AnalyticShape, Geometry, MeshError, TriangleMesh};
+use super::xml::{Category, Document, one_of};
+use crate::scene::{AnalyticKind, AnalyticShape, Geometry, MeshError, Shape, TriangleMesh};
 
 pub(super) type Build = fn(&Properties) -> Result<Surface, LoadError>;
 
@@ -249,4 +252,54 @@ fn analytic(p: &Properties, kind: AnalyticKind, local: DAffine3) -> Result<Surfa
         ));
     }
     Ok(Surface::Ready(Geometry::Analytic(shape)))
+}
+
+/// Loads the geometry of shapes, in parallel.
+pub(super) fn load_all(
+    planned: Vec<PlannedShape>,
+    document: &Document,
+    log: &mut Log,
+) -> Result<Vec<Shape>, LoadError> {
+    let lenient = log.lenient;
+    let loaded: Vec<_> = planned
+        .into_par_iter()
+        .map(|shape| {
+            let mut log = Log { lenient, ..Log::default() };
+            let geometry = match shape.surface {
+                Surface::Ready(geometry) => Ok(geometry),
+                Surface::File(file) => file.load(&mut log),
+            };
+            let PlannedShape { name, material, emission, attributes, .. } = shape;
+            let shape = geometry.and_then(|geometry| {
+                check_attributes(&name, &geometry, &attributes, document)?;
+                Ok(Shape { name, geometry, material, emission })
+            });
+            (shape, log)
+        })
+        .collect();
+    let mut shapes = Vec::with_capacity(loaded.len());
+    // In the order of the file, so that which error is reported does not depend on threads.
+    for (shape, messages) in loaded {
+        log.absorb(messages);
+        shapes.push(shape?);
+    }
+    Ok(shapes)
+}
+
+/// Whether a shape has the attributes that its material and emission ask for.
+fn check_attributes(
+    name: &str,
+    geometry: &Geometry,
+    attributes: &[Attribute],
+    document: &Document,
+) -> Result<(), LoadError> {
+    let mesh = match geometry {
+        Geometry::Mesh(mesh) => Some(mesh),
+        Geometry::Analytic(_) | Geometry::Instance(_) => None,
+    };
+    let has = |attribute: &str| mesh.is_some_and(|m| m.attribute(attribute).is_some());
+    let Some((missing, at)) = attributes.iter().find(|(attribute, _)| !has(attribute)) else { return Ok(()) };
+    let there: Vec<_> = mesh.iter().flat_map(|m| m.attributes()).map(|a| a.name.as_str()).collect();
+    let expected = if there.is_empty() { "a mesh with attributes".to_owned() } else { one_of(&there) };
+    Err(document.error(*at, format!("attribute `{missing}`, which shape `{name}` does not have"), expected))
 }

@@ -8,7 +8,8 @@ use std::collections::HashMap;
 use glam::DVec3;
 
 use super::super::{LoadError, Log};
-use super::properties::{Kind, Parameter, Plugin, Properties};
+use super::plugin::{Kind, Parameter, Plugin};
+use super::properties::Properties;
 use super::spectra;
 use super::values::{self, Color, Value};
 use super::xml::{Category, Document, ObjectId, Property};

@@ -4,7 +4,8 @@ use glam::{Affine2, DAffine3, DVec2};
 
 use super::super::image::Content;
 use super::super::{LoadError, Location};
-use super::properties::{Kind, Parameter, Plugin, Properties};
+use super::plugin::{Kind, Parameter, Plugin};
+use super::properties::Properties;
 use super::xml::{Category, Document, ObjectId, Span};
 use super::{Attribute, Builder};
 use crate::scene::{Bitmap, Input, Rgb, TexelFilter, Texture, TextureId, Textures, Wrap};
