@@ -172,7 +172,7 @@ fn third_party_scenes_have_no_odd_contributions_and_no_faults() {
 
 /// `cargo test --release contributions -- --ignored`: all scenes with more pixels and passes, and by other ways through the integrators.
 #[test]
-#[ignore = "takes minutes"]
+#[ignore = "takes many minutes"]
 fn all_scenes_have_no_odd_contributions_and_no_faults() {
     for effort in [THOROUGH, VARIANTS] {
         check_own(effort);
