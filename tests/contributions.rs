@@ -143,18 +143,16 @@ fn testdata() -> PathBuf {
 /// Those of this repository.
 fn check_own(effort: Effort) {
     let here = Path::new(env!("CARGO_MANIFEST_DIR"));
-    assert!(check_all(&here.join("scenes"), effort, "xml", &[], |_| true) >= 6);
+    assert!(check_all(&here.join("scenes"), effort, "xml", &[], |_| true) >= 7);
     assert!(check_all(&here.join("tests/scenes"), effort, "xml", OWN_PARTS, |_| true) >= 37);
 }
 
 /// Those of others, but for the large ones.
 fn check_third_party(effort: Effort) {
-    for (folder, extension, count) in
-        [("scenes", "xml", 13), ("mitsuba-suite", "xml", 9), ("meshes", "obj", 10)]
-    {
+    for (folder, count) in [("scenes", 11), ("mitsuba-suite", 9)] {
         let folder = testdata().join(folder);
         if folder.exists() {
-            let checked = check_all(&folder, effort, extension, OTHERS_PARTS, |path| !is_large(path));
+            let checked = check_all(&folder, effort, "xml", OTHERS_PARTS, |path| !is_large(path));
             assert!(checked >= count, "{checked} of {count} in {}", folder.display());
         }
     }
@@ -172,13 +170,14 @@ fn third_party_scenes_have_no_odd_contributions_and_no_faults() {
 
 /// `cargo test --release contributions -- --ignored`: all scenes with more pixels and passes, and by other ways through the integrators.
 #[test]
-#[ignore = "takes minutes"]
+#[ignore = "takes many minutes"]
 fn all_scenes_have_no_odd_contributions_and_no_faults() {
     for effort in [THOROUGH, VARIANTS] {
         check_own(effort);
         check_third_party(effort);
         let folder = testdata().join("scenes");
         assert!(check_all(&folder, effort, "xml", &[], is_large) >= 6);
+        assert!(check_all(&testdata().join("meshes"), effort, "obj", &[], |_| true) >= 10);
     }
 }
 
