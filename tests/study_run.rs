@@ -440,9 +440,9 @@ fn noise_is_taken_from_bias() {
         let relative = |t: &f32| f64::from(bias * bias) / (f64::from(t * t) + 0.01);
         let expected = truth.iter().map(relative).sum::<f64>() / truth.len() as f64;
         assert!((mean - expected).abs() < 5.0 * error, "{mean} +- {error}, expected {expected}");
-        // The noise of the mean, were it not taken away, would be seen.
+        // The noise of the mean, were it not taken away, would be seen: it is more than twice the limit.
         let noise = |t: &f32| 0.01 / 3.0 / seeds as f64 / (f64::from(t * t) + 0.01);
-        assert!(truth.iter().map(noise).sum::<f64>() / truth.len() as f64 > 20.0 * error);
+        assert!(truth.iter().map(noise).sum::<f64>() / truth.len() as f64 > 10.0 * error);
     }
 }
 

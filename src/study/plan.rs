@@ -1,5 +1,5 @@
 //! What a study is to render: configurations, each an integrator on a backend under a name, as people ask for them. Nothing is rendered here but the pilots of
-//! [`auto`].
+//! [`auto`](super::auto).
 //!
 //! Integrators whose text does not say how long paths are have paths as long as the scene's own integrator, so that all configurations converge to one image; what
 //! does not is told by [`Planned::bias`].
