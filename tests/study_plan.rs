@@ -196,7 +196,7 @@ fn files_say_what_is_rendered() {
          [[configuration]]\nname = 'a name'\nintegrator = 'vpl'\n",
     )
     .expect("a configuration");
-    assert_eq!(config.budgets.iter().map(|b| b.as_millis()).collect::<Vec<_>>(), [1000, 250]);
+    assert_eq!(config.budgets, [1000, 250].map(std::time::Duration::from_millis));
     assert_eq!(config.seeds.map(std::num::NonZeroU32::get), Some(5));
     assert_eq!(config.size.map(|s| s.to_array()), Some([64, 48]));
     assert_eq!(config.reference, Some(folder.path().join("truth.exr")));

@@ -405,13 +405,13 @@ fn squared_bias_by_hand() {
         let found = found.expect("an estimate");
         assert!((found - expected).abs() < 1e-9, "{found}, expected {expected}");
     };
-    close(squared_bias(&images, &reference), ((0.25 - 0.25) / 1.01 + (1.0 - 1.0) / 4.01) / 2.0);
+    close(squared_bias(&images, &reference), f64::midpoint((0.25 - 0.25) / 1.01, (1.0 - 1.0) / 4.01));
     let images = [grey(&[1.0, 3.0, f32::NAN]), grey(&[2.0, 4.0, 1.0])];
-    close(squared_bias(&images, &reference), (0.0 + (2.25 - 0.25) / 4.01) / 2.0);
+    close(squared_bias(&images, &reference), f64::midpoint(0.0, (2.25 - 0.25) / 4.01));
     reference.variance = Some([0.01, 0.02, f32::INFINITY].map(Vec3::splat).to_vec());
-    let expected = (-f64::from(0.01_f32) / 1.01 + (2.0 - f64::from(0.02_f32)) / 4.01) / 2.0;
+    let expected = f64::midpoint(-f64::from(0.01_f32) / 1.01, (2.0 - f64::from(0.02_f32)) / 4.01);
     close(squared_bias(&images, &reference), expected);
-    close(noise(&reference), (f64::from(0.01_f32) / 1.01 + f64::from(0.02_f32) / 4.01) / 2.0);
+    close(noise(&reference), f64::midpoint(f64::from(0.01_f32) / 1.01, f64::from(0.02_f32) / 4.01));
     assert_eq!(noise(&images[0]), None);
     assert_eq!(squared_bias(&images[..1], &reference), None);
     assert_eq!(squared_bias(&[grey(&[f32::NAN]), grey(&[1.0])], &grey(&[1.0])), None);
