@@ -247,12 +247,23 @@ fn what_is_finished_is_kept() {
     fs::write(&image, &bytes[..bytes.len() / 2]).expect("written");
     assert_eq!(remade(&trial), (pairs(&[("path", 2)]), vec![image]));
 
-    // A reference that is not the one that was kept makes all anew.
+    // A broken reference is made again. It may have as many passes as before and be the same; then the runs are kept.
     let reference = trial.settings.folder.join("reference.exr");
     fs::write(&reference, b"nothing").expect("written");
     let (_, heard) = trial.run();
-    assert_eq!((heard.broken, heard.rendered.len()), (vec![reference], 4));
+    assert_eq!((heard.broken, heard.rendered.len() + heard.kept.len()), (vec![reference], 4));
     assert!(heard.reference > 0);
+
+    // Another reference makes all anew.
+    let other = trial.settings.folder.join("other.pfm");
+    let [width, height] = first.size;
+    let header = format!("PF\n{width} {height}\n-1.0\n").into_bytes();
+    let pixels = (0..3 * width * height).flat_map(|_| 0.5_f32.to_le_bytes());
+    fs::write(&other, header.into_iter().chain(pixels).collect::<Vec<_>>()).expect("written");
+    let rendered = std::mem::replace(&mut trial.settings.reference, Source::File(other));
+    assert_eq!(trial.run().1.rendered.len(), 4);
+    trial.settings.reference = rendered;
+    assert_eq!(trial.run().1, Heard { kept: pairs(&all), ..Heard::default() });
 
     // So do other budgets, threads apart, and the old ones are still there.
     let budgets = std::mem::replace(&mut trial.settings.budgets, vec![Duration::from_millis(2)]);
