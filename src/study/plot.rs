@@ -67,8 +67,8 @@ const LONGEST: usize = 48;
 /// How far an error bar may widen the range of the plot: two seeds can have intervals over a hundred decades.
 const BAR_RANGE: f64 = 10.0;
 
-/// relMSE less the reference's over seconds, both axes logarithmic: a line with 95 % intervals for each configuration, dashed if it is biased, marks on the Pareto front ringed, those that are mostly
-/// the reference's error hollow and at what was measured; the reference's own error as a dashed line.
+/// relMSE less the reference's over seconds, both axes logarithmic: a line with 95 % intervals for each configuration, dashed if it is biased, marks on the Pareto front ringed, those of which most
+/// was the reference's error hollow; the reference's own error as a dashed line.
 ///
 /// # Errors
 /// None in truth: the drawing goes to memory.
@@ -172,9 +172,9 @@ pub fn time_split(summary: &Summary) -> io::Result<String> {
     })
 }
 
-/// Time and error, if a logarithm can show them: less the reference's own, or where that is most of it as it was measured, which is an upper bound.
+/// Time and error, if a logarithm can show them: less the reference's own, or where nothing is left as it was measured, which is an upper bound.
 fn shown(at: &AtBudget) -> Option<(f64, LogMean)> {
-    let error = if at.is_mostly_reference { at.measured } else { at.rel_mse }?;
+    let error = at.rel_mse.filter(|error| error.mean > 0.0).or(at.measured)?;
     let is_shown = [at.seconds, error.mean].iter().all(|v| v.is_finite() && *v > 0.0);
     is_shown.then_some((at.seconds, error))
 }

@@ -369,7 +369,7 @@ fn html(results: &Results, summary: &Summary, pictures: &Pictures, svg: &str) ->
     page.svg(svg);
     page.list(&[
         "Lower is better and so is further left; both axes are logarithmic. A line that falls by a decade per decade of time is noise that averages out (slope -1); one that levels out has come to its bias, or to the grey line, the reference's own error.",
-        "Bars are 95 % intervals over the seeds: marks whose bars overlap are not to be ranked. Dashed lines are biased integrators; hollow marks are mostly the reference's error, and as high as was measured.",
+        "Bars are 95 % intervals over the seeds: marks whose bars overlap are not to be ranked. Dashed lines are biased integrators; hollow marks were mostly the reference's error before that was subtracted.",
         "Marks with a ring are the trade: nothing in the study has less error in the time they take. All else is a waste of time or of accuracy.",
     ]);
     page.table(&table(results, summary));
