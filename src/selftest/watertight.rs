@@ -1,6 +1,6 @@
 //! Watertightness: rays from inside closed meshes, aimed at vertices, at edges and anywhere.
 
-use glam::{DVec3, Vec3};
+use glam::DVec3;
 use rayon::prelude::*;
 
 use super::solids::{Rng, Solid, between, shape};
@@ -70,10 +70,11 @@ pub fn escapes<Q: RayQuery>(
             };
             let corners = mesh.corners(rng.index(mesh.triangles().len()) as u32);
             let along = if rng.bits().is_multiple_of(2) { 0.5 } else { rng.unit() };
-            let towards = |target: Vec3| target.as_dvec3() - o.as_dvec3();
+            // Not rounded to f32, which far from the origin would move points of an edge onto its vertices.
+            let towards = |target: DVec3| target - o.as_dvec3();
             found.rays += 1;
-            found.at_vertices += escapes(towards(corners[0]));
-            found.at_edges += escapes(towards(between(corners, along, 0.0).as_vec3()));
+            found.at_vertices += escapes(towards(corners[0].as_dvec3()));
+            found.at_edges += escapes(towards(between(corners, along, 0.0)));
             found.anywhere += escapes(rng.direction());
         }
         found
