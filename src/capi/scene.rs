@@ -1,6 +1,7 @@
 //! Functions on scenes: load, change, build.
 
 use std::ffi::{CStr, c_char};
+use std::panic::resume_unwind;
 use std::path::Path;
 use std::sync::{Arc, Mutex, PoisonError, RwLock, RwLockReadGuard, RwLockWriteGuard, TryLockError};
 
@@ -45,10 +46,25 @@ enum Form {
     Lost,
 }
 
-/// Runs something on a pool of its own, whose threads end with it. 0 threads: one per core.
+/// Runs something on a pool of its own, whose threads have ended when it returns. 0 threads: one per core.
+///
+/// They are joined here, because a scope (and rayon's `build_scoped`) waits for what its threads do, but not for what they do when they
+/// end: a caller who then unloads the library or leaves the process would pull the ground from under them.
 pub(super) fn in_pool<R: Send>(threads: usize, body: impl FnOnce() -> R + Send) -> Outcome<R> {
-    let pool = rayon::ThreadPoolBuilder::new().num_threads(threads);
-    Ok(pool.build_scoped(rayon::ThreadBuilder::run, |pool| pool.install(body))?)
+    std::thread::scope(|scope| {
+        let mut workers = Vec::new();
+        let pool = rayon::ThreadPoolBuilder::new().num_threads(threads).spawn_handler(|worker| {
+            workers.push(std::thread::Builder::new().spawn_scoped(scope, || worker.run())?);
+            Ok(())
+        });
+        let pool = pool.build()?;
+        let result = pool.install(body);
+        drop(pool);
+        for worker in workers {
+            worker.join().unwrap_or_else(|panic| resume_unwind(panic));
+        }
+        Ok(result)
+    })
 }
 
 /// More threads than this are a mistake.
