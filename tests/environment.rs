@@ -113,8 +113,7 @@ fn directions_follow_luminance() {
                 let chart = SphereChart::equal_area(axis);
                 let total = chart.integral(brightness);
                 let sample = || {
-                    let u = random.uniform_3d();
-                    let sample = world.lights.sample_li(&receiver(), u)?;
+                    let sample = world.lights.sample_li(&receiver(), 0.5, random.uniform_2d())?;
                     let expected = (brightness(sample.wi) / total) as f32;
                     let pdf = world.lights.pdf_environment(sample.wi);
                     assert!(
@@ -136,6 +135,51 @@ fn directions_follow_luminance() {
     family.assert_accepted(FALSE_ALARM_RATE);
 }
 
+/// Directions by a coarser map: they follow the density that is stated for them, which is nowhere 0 where light comes from, and estimate the same light.
+#[test]
+fn coarser_sampling_changes_noise_alone() {
+    let mut family = Family::default();
+    let mut random = Random::new(6);
+    for (name, size, texels) in images() {
+        for columns in [2, 3, 7] {
+            if columns >= size.x {
+                continue;
+            }
+            let map = EnvironmentMap::new(image(size, texels.clone()), 7.0, rotation()).expect("a valid map");
+            let scene = empty().emitter(Emitter::Map(map.clone().with_sampling_columns(columns)));
+            let world = World::new(&scene);
+            let fine = empty().emitter(Emitter::Map(map));
+            let (told, fine) = (World::with_sampling_columns(&fine, columns), World::new(&fine));
+            for _ in 0..20_000 {
+                let light = fine.lights.sample_li(&receiver(), 0.5, random.uniform_2d()).expect("a sample");
+                let pdf = world.lights.pdf_environment(light.wi);
+                assert!(pdf > 0.0, "{name} by {columns}: light from {} is never drawn", light.wi);
+                assert_eq!(pdf, told.lights.pdf_environment(light.wi));
+            }
+            let brightness = |d: Vec3| {
+                let local = rotation().transpose() * d.as_dvec3();
+                7.0 * f64::from(luminance(expected_texel(size, &texels, local).as_vec3()))
+            };
+            let pole = (rotation() * DVec3::Y).as_vec3();
+            let chart = SphereChart::equal_area(pole);
+            let mut light = Moments::default();
+            let sample = || {
+                let sample = world.lights.sample_li(&receiver(), 0.5, random.uniform_2d())?;
+                assert_eq!(world.lights.pdf_environment(sample.wi), sample.pdf_w);
+                light.push(f64::from(luminance(sample.radiance) / sample.pdf_w));
+                Some(sample.wi)
+            };
+            let density = |d| f64::from(world.lights.pdf_environment(d));
+            let test = chi_squared_on_sphere(&chart, SAMPLES, sample, density);
+            assert!((test.integral - 1.0).abs() < 1e-4, "{name} by {columns}: {}", test.integral);
+            family.record(format!("directions of {name} by {columns}"), test.p_value);
+            family
+                .record(format!("light of {name} by {columns}"), z_test(&light, chart.integral(brightness)));
+        }
+    }
+    family.assert_accepted(FALSE_ALARM_RATE);
+}
+
 /// An image's samples estimate the light of the whole sphere with no noise where it is grey: density is proportional to radiance.
 #[test]
 fn grey_images_are_sampled_without_noise() {
@@ -146,9 +190,9 @@ fn grey_images_are_sampled_without_noise() {
     let scene = empty().emitter(Emitter::Map(map));
     let world = World::new(&scene);
     let ratio = |s: helmholtz::transport::lights::LiSample| s.radiance.y / s.pdf_w;
-    let first = ratio(world.lights.sample_li(&receiver(), [0.5; 3]).expect("a sample"));
+    let first = ratio(world.lights.sample_li(&receiver(), 0.5, Vec2::splat(0.5)).expect("a sample"));
     for _ in 0..10_000 {
-        let sample = world.lights.sample_li(&receiver(), random.uniform_3d()).expect("a sample");
+        let sample = world.lights.sample_li(&receiver(), 0.5, random.uniform_2d()).expect("a sample");
         assert!((ratio(sample) / first - 1.0).abs() < 1e-5);
     }
 }
@@ -232,7 +276,7 @@ fn maps_refuse_what_is_not_light() {
     let black = map(2, 3, 1.0, 0.0, DMat3::IDENTITY).expect("a valid map");
     let scene = empty().emitter(Emitter::Map(black));
     let world = World::new(&scene);
-    assert!(world.lights.sample_li(&receiver(), [0.5; 3]).is_none());
+    assert!(world.lights.sample_li(&receiver(), 0.5, Vec2::splat(0.5)).is_none());
     assert_eq!(world.lights.le_environment(Vec3::X), Rgb::ZERO);
 }
 
@@ -283,7 +327,8 @@ fn spots_fall_off_linearly_with_the_angle() {
             .sum();
         let mut emitted = Moments::default();
         for _ in 0..SAMPLES {
-            let sample = world.lights.sample_le(random.uniform(), random.uniform_2d(), random.uniform_2d());
+            let sample =
+                world.lights.sample_le(random.uniform_f64(), random.uniform_2d(), random.uniform_2d());
             let sample = sample.expect("a light");
             let (_, pdf) = world.lights.pdf_le(sample.light, None, sample.ray.d);
             assert_eq!(pdf, sample.pdf_direction_w);
@@ -300,7 +345,7 @@ fn spots_fall_off_linearly_with_the_angle() {
                 "{spot:?}"
             );
             let from = SurfacePoint { p: sample.ray.o + sample.ray.d * 2.0, ..receiver() };
-            let received = world.lights.sample_li(&from, random.uniform_3d());
+            let received = world.lights.sample_li(&from, random.uniform_f64(), random.uniform_2d());
             let received = received.map_or(0.0, |s| f64::from(s.radiance.y));
             assert!((received - expected / 4.0).abs() < 1e-3, "{spot:?}");
         }

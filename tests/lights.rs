@@ -169,7 +169,10 @@ fn light_points_follow_their_density() {
             let mut drawn = 0;
             for _ in 0..COUNT {
                 // `None` where the light's back was drawn.
-                let Some(sample) = world.lights.sample_li(&from, random.uniform_3d()) else { continue };
+                let Some(sample) = world.lights.sample_li(&from, random.uniform_f64(), random.uniform_2d())
+                else {
+                    continue;
+                };
                 let ray = Ray::spawn(&from, sample.wi);
                 // Rays along the silhouette may miss.
                 let Some(hit) = query.intersect(&ray) else { continue };
@@ -302,7 +305,7 @@ fn emission_agrees_with_illumination() {
         let mut emitted = Moments::default();
         for _ in 0..COUNT {
             let (position, direction) = (random.uniform_2d(), random.uniform_2d());
-            let sample = world.lights.sample_le(random.uniform(), position, direction).expect("a light");
+            let sample = world.lights.sample_le(random.uniform_f64(), position, direction).expect("a light");
             let (position, direction) =
                 world.lights.pdf_le(sample.light, sample.point.map(|p| p.ng), sample.ray.d);
             assert!((position / sample.pdf_position - 1.0).abs() < 1e-4);
@@ -321,7 +324,7 @@ fn emission_agrees_with_illumination() {
             let half = u32::from(random.uniform() < 0.5);
             let b = helmholtz::sampling::warp::square_to_triangle(random.uniform_2d());
             let point = SurfacePoint::on_triangle(mesh, target, half, b.x, b.y);
-            let light = world.lights.sample_li(&point, random.uniform_3d());
+            let light = world.lights.sample_li(&point, random.uniform_f64(), random.uniform_2d());
             let value = light.filter(|l| !query.occluded(&l.shadow_ray)).map_or(0.0, |l| {
                 let area = 1.6 * 1.6;
                 f64::from(l.radiance.y * l.wi.dot(point.ng).max(0.0) / l.pdf_w) * area
@@ -344,7 +347,7 @@ fn lights_are_chosen_by_power() {
     let total: f32 = intensities.iter().sum();
     for (i, intensity) in intensities.into_iter().enumerate() {
         // Walk through the unit interval to find a number that chooses this light.
-        let found = (0..2_000_000).map(|k| k as f32 / 2e6).find_map(|u| {
+        let found = (0..2_000_000).map(|k| f64::from(k) / 2e6).find_map(|u| {
             let sample = world.lights.sample_le(u, Vec2::splat(0.5), Vec2::splat(0.5))?;
             (sample.radiance.x == intensity).then_some(sample.pdf_position)
         });
@@ -379,7 +382,7 @@ fn textured_lights_are_chosen_by_their_mean() {
     let share = |scene: &Scene| {
         let world = World::new(scene);
         let start = |u| world.lights.sample_le(u, Vec2::splat(0.3), Vec2::splat(0.5));
-        let first = (0..1000).map(|i| start((i as f32 + 0.5) / 1000.0));
+        let first = (0..1000).map(|i| start((f64::from(i) + 0.5) / 1000.0));
         // A path that starts in the dark is none; the other lamp emits everywhere.
         let other = first.flatten().find(|s| s.point.is_some_and(|p| p.shape == 1)).expect("the other lamp");
         1.0 - other.pdf_position

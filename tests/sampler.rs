@@ -44,6 +44,31 @@ fn net_quality(points: &[(f32, f32)]) -> u32 {
     (0..=m).find(|&t| is_net(t)).unwrap_or(m)
 }
 
+/// Choices are the same numbers, the first with the bits that f32 has no room for, of which each is 1 as often as 0.
+#[test]
+fn choices_are_the_block_with_more_bits() {
+    let mut ones = [0_u32; 32];
+    let count = 1 << 14;
+    for stream in 0..count {
+        for (index, set) in [(3, 0), (70_000, 40), (5, 1000)] {
+            let sampler = Sampler::new(7, stream, index);
+            let (first, rest) = sampler.choices(set);
+            let [a, b, c, d] = sampler.block(set);
+            assert_eq!(rest, [b, c, d]);
+            let scaled = first * 4_294_967_296.0;
+            assert!(scaled.fract() == 0.0 && (0.0..1.0).contains(&first));
+            assert!((f64::from(a)..f64::from(a) + 1.0 / 8_388_608.0).contains(&first), "{first} {a}");
+            let bits = scaled as u32;
+            (0..32).for_each(|i| ones[i] += bits >> i & 1);
+        }
+    }
+    let n = 3.0 * count as f64;
+    for (i, ones) in ones.into_iter().enumerate() {
+        let z = (f64::from(ones) - 0.5 * n) / (0.25 * n).sqrt();
+        assert!(z.abs() < Z_LIMIT, "bit {i}: z = {z}");
+    }
+}
+
 #[test]
 fn numbers_are_in_the_unit_interval_and_repeatable() {
     for index in [0, 1, 65_535, 65_536, u32::MAX] {

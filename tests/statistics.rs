@@ -36,6 +36,11 @@ impl Random {
         (self.next_u64() >> 40) as f32 / 16_777_216.0
     }
 
+    /// Uniform in [0, 1), in steps of 2^-32.
+    pub(crate) fn uniform_f64(&mut self) -> f64 {
+        (self.next_u64() >> 32) as f64 / 4_294_967_296.0
+    }
+
     /// Uniform in the unit square.
     pub(crate) fn uniform_2d(&mut self) -> Vec2 {
         Vec2::new(self.uniform(), self.uniform())

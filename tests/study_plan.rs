@@ -2,19 +2,19 @@
 
 use std::fs;
 
-use glam::Vec3;
+use glam::{DMat3, UVec2, Vec3};
 use helmholtz::integrators::{Integrator, PathLength};
 use helmholtz::query::obvhs::ObvhsQuery;
 use helmholtz::query::{Backend, BuildQuality};
 use helmholtz::scene::requirements::Requirements;
-use helmholtz::scene::{Emitter, Material, Rgb, Scene};
+use helmholtz::scene::{Emitter, EnvironmentMap, Material, Rgb, Scene};
 use helmholtz::spec::spec;
 use helmholtz::study::auto::{choose, choose_unbiased};
 use helmholtz::study::config::Config;
 use helmholtz::study::plan::{Plan, PlanError, Planner};
 
 use crate::inspect::{glass, scene_file};
-use crate::scene_builder::{Build, diffuse, empty, quad, sphere};
+use crate::scene_builder::{Build, diffuse, empty, image, quad, sphere};
 
 const OBVHS: Backend = Backend::Obvhs(BuildQuality::Medium);
 
@@ -28,6 +28,12 @@ fn ball(material: Material) -> Scene {
         .shape(quad(Vec3::new(-2.0, -1.0, 2.0), Vec3::Z * 4.0, Vec3::X * 4.0), diffuse(0.7), None)
         .shape(sphere(Vec3::new(0.0, -0.3, 4.0), 0.7), material, None)
         .emitter(Emitter::Point { position: Vec3::new(0.5, 2.0, 3.0), intensity: Rgb::splat(5.0) })
+}
+
+fn map() -> Emitter {
+    let texels = (0..8 * 4).map(|i| [i as f32; 3]).collect();
+    let map = EnvironmentMap::new(image(UVec2::new(8, 4), texels), 1.0, DMat3::IDENTITY);
+    Emitter::Map(map.expect("a valid map"))
 }
 
 fn resolve(planner: Planner, scene: &Scene) -> Plan {
@@ -162,10 +168,36 @@ fn sweeps_are_configurations() {
         ("obvhs:quality=low|best", "does not take `quality=best`"),
         ("path:max_depth=2", "no parameter has several"),
         ("path:max_depth=2|2", "two configurations `path:max_depth=2`"),
+        (
+            "envmap:sampling_columns=1|2",
+            "`envmap:sampling_columns=1`: expected `sampling_columns`, a whole number",
+        ),
+        ("envmap:columns=2|3", "expected `sampling_columns`, a whole number from 2 on"),
+        ("envmap:scale=1,sampling_columns=2|3", "expected `sampling_columns` alone"),
     ] {
         let error = Planner::new(depth(None), OBVHS).sweep(text).expect_err(text).to_string();
         assert!(error.contains(why), "{text}: {error}");
     }
+}
+
+/// Where there is an environment map, it may be sampled in fewer columns; by sweeps and by files.
+#[test]
+fn environment_maps_are_sampled_as_they_are_asked_to_be() {
+    let scene = ball(diffuse(0.5)).emitter(map());
+    let mut planner = Planner::new(depth(Some(2)), OBVHS);
+    planner.sweep("envmap:sampling_columns=2|4").expect("a sweep");
+    let path = spec("path").expect("a spec");
+    planner.add("three".to_owned(), &path, None, Some(3)).expect("new");
+    planner.add("all".to_owned(), &path, None, None).expect("new");
+    let plan = resolve(planner.clone(), &scene);
+    assert_eq!(names(&plan), ["envmap:sampling_columns=2", "envmap:sampling_columns=4", "three", "all"]);
+    let columns: Vec<_> = plan.configurations.iter().map(|c| c.sampling_columns).collect();
+    assert_eq!(columns, [Some(2), Some(4), Some(3), None]);
+    assert_eq!(plan.distinct(), 4);
+    let dark = ball(diffuse(0.5));
+    let error = planner.resolve(&dark, &ObvhsQuery::new(&dark.shapes, BuildQuality::Medium));
+    let error = error.expect_err("no map").to_string();
+    assert_eq!(error, "`envmap:sampling_columns=2`: the scene has no environment map");
 }
 
 /// Backends as text, and back.
@@ -193,7 +225,7 @@ fn files_say_what_is_rendered() {
     let config = read(
         "budgets = ['1s', '250ms']\nseeds = 5\nsize = '64x48'\nreference = 'truth.exr'\n\
          [[configuration]]\nname = 'short'\nintegrator = 'path:max_depth=2'\nbackend = 'obvhs:quality=low'\n\
-         [[configuration]]\nname = 'a name'\nintegrator = 'vpl'\n",
+         [[configuration]]\nname = 'a name'\nintegrator = 'vpl'\nsampling_columns = 64\n",
     )
     .expect("a configuration");
     assert_eq!(config.budgets, [1000, 250].map(std::time::Duration::from_millis));
@@ -202,8 +234,12 @@ fn files_say_what_is_rendered() {
     assert_eq!(config.reference, Some(folder.path().join("truth.exr")));
     let mut planner = Planner::new(depth(Some(4)), OBVHS);
     config.plan(&mut planner).expect("a plan");
-    let plan = resolve(planner, &ball(diffuse(0.5)));
+    let plan = resolve(planner, &ball(diffuse(0.5)).emitter(map()));
     assert_eq!(names(&plan), ["short", "a name"]);
+    assert_eq!(
+        [plan.configurations[0].sampling_columns, plan.configurations[1].sampling_columns],
+        [None, Some(64)]
+    );
     assert_eq!(plan.configurations[0].backend, Backend::Obvhs(BuildQuality::Low));
     assert_eq!(plan.configurations[1].backend, OBVHS);
     assert!(matches!(plan.configurations[1].integrator, Integrator::VirtualLights(_)));
@@ -221,6 +257,7 @@ fn files_say_what_is_rendered() {
         ("[[configuration]]\nname = 'a'\n", ":1:1", "integrator"),
         ("[[configuration]]\nname = 'a'\nintegrator = 'path:x'\n", ":3:14", "name=value"),
         ("[[configuration]]\nname = 'a'\nintegrator = 'path'\nseed = 3\n", ":4:1", "seed"),
+        ("[[configuration]]\nname = 'a'\nintegrator = 'path'\nsampling_columns = 1\n", ":4:20", "from 2 on"),
     ] {
         let error = read(text).expect_err(text).to_string();
         assert!(error.contains(&format!("study.toml{at}")) && error.contains(why), "{text}: {error}");
@@ -270,5 +307,5 @@ fn names_are_unique() {
     let path = spec("path").expect("a spec");
     planner.integrator(&path).expect("new");
     assert_eq!(planner.integrator(&path), Err(PlanError::Name("path".to_owned())));
-    planner.add("other".to_owned(), &path, None).expect("new");
+    planner.add("other".to_owned(), &path, None, None).expect("new");
 }

@@ -34,6 +34,7 @@ fn configuration(name: &str, runs: Vec<Run>) -> Configuration {
         name: name.to_owned(),
         integrator: format!("{name}:max_depth=8,rr_depth=5"),
         backend: "obvhs".to_owned(),
+        sampling_columns: None,
         bias: None,
         runs,
         squared_bias: Vec::new(),

@@ -5,14 +5,14 @@ use std::fs;
 use std::path::{Path, PathBuf};
 use std::time::Duration;
 
-use glam::{UVec2, Vec3};
+use glam::{DMat3, UVec2, Vec3};
 use helmholtz::film::output::write_exr;
 use helmholtz::film::{AovSet, Channel, Film, Image, Pixels};
 use helmholtz::integrators::{Integrator, PathLength};
 use helmholtz::query::obvhs::ObvhsQuery;
 use helmholtz::query::{Backend, BuildQuality, RayQuery};
 use helmholtz::render::{Control, Stop, Target, render};
-use helmholtz::scene::{PixelRect, Rgb, Scene};
+use helmholtz::scene::{Emitter, EnvironmentMap, PixelRect, Rgb, Scene};
 use helmholtz::spec::spec;
 use helmholtz::study::StudyError;
 use helmholtz::study::bias::{noise, squared_bias};
@@ -27,7 +27,7 @@ use helmholtz::study::run::{Backends, Event, Outcome, Settings, run};
 use helmholtz::transport::World;
 use tempfile::TempDir;
 
-use crate::scene_builder::{Build, diffuse, empty, quad, sphere};
+use crate::scene_builder::{Build, diffuse, empty, image, quad, sphere};
 use crate::support::Rng;
 
 const OBVHS: Backend = Backend::Obvhs(BuildQuality::Medium);
@@ -389,8 +389,8 @@ fn a_configuration_that_fails_does_not_end_the_study() {
     trial.scene = trial.scene.shape(sphere(Vec3::X * 1e19, 1.0), diffuse(0.5), None);
     let mut planner = Planner::new(LENGTH, OBVHS);
     let path = spec("path").expect("a spec");
-    planner.add("a".to_owned(), &path, Some(&spec("embree").expect("a spec"))).expect("new");
-    planner.add("b".to_owned(), &path, None).expect("new");
+    planner.add("a".to_owned(), &path, Some(&spec("embree").expect("a spec")), None).expect("new");
+    planner.add("b".to_owned(), &path, None, None).expect("new");
     let query = ObvhsQuery::new(&trial.scene.shapes, BuildQuality::Medium);
     trial.plan = planner.resolve(&trial.scene, &query).expect("a plan");
     let (results, heard) = trial.run();
@@ -400,6 +400,34 @@ fn a_configuration_that_fails_does_not_end_the_study() {
     let failed = &results.configurations[0];
     assert_eq!((failed.failure.as_deref(), failed.runs.len()), (Some(why.as_str()), 0));
     assert_eq!(results.configurations[1].runs.len(), 2);
+}
+
+/// The same light by two ways of sampling it: both are rendered, kept apart, and do what they say.
+#[test]
+fn ways_to_sample_the_environment_are_configurations() {
+    let mut trial = Trial::new(&[]);
+    let texels = (0..64 * 32).map(|i| if i == 64 * 8 + 20 { [900.0; 3] } else { [0.1; 3] }).collect();
+    let map = EnvironmentMap::new(image(UVec2::new(64, 32), texels), 1.0, DMat3::IDENTITY).expect("a map");
+    trial.scene = trial.scene.emitter(Emitter::Map(map));
+    let mut planner = Planner::new(LENGTH, OBVHS);
+    let path = spec("path").expect("a spec");
+    planner.add("all".to_owned(), &path, None, None).expect("new");
+    planner.add("two".to_owned(), &path, None, Some(2)).expect("new");
+    let query = ObvhsQuery::new(&trial.scene.shapes, BuildQuality::Medium);
+    trial.plan = planner.resolve(&trial.scene, &query).expect("a plan");
+    let (results, heard) = trial.run();
+    assert_eq!(heard.rendered, pairs(&[("all", 1), ("two", 1), ("all", 2), ("two", 2)]));
+    assert_eq!(
+        results.configurations.iter().map(|c| c.sampling_columns).collect::<Vec<_>>(),
+        [None, Some(2)]
+    );
+    // One texel of 2048 makes most light: with two columns it is hardly found.
+    let variance = |i: usize| {
+        let last = |run: &Run| run.points.last().map_or(f64::NAN, |p| p.rel_mse * f64::from(p.passes));
+        results.configurations[i].runs.iter().map(last).sum::<f64>()
+    };
+    assert!(variance(1) > 4.0 * variance(0), "{} {}", variance(1), variance(0));
+    assert!(trial.run().1.rendered.is_empty());
 }
 
 fn grey(values: &[f32]) -> Picture {

@@ -59,7 +59,8 @@ A configuration file has any of these keys:
   [[configuration]]            # as many as you like
   name = \"no roulette\"
   integrator = \"path:rr_depth=1000\"
-  backend = \"obvhs\"")]
+  backend = \"obvhs\"
+  sampling_columns = 256       # of the environment map")]
 pub(super) struct StudyArgs {
     /// Mitsuba scene (.xml) or mesh (.obj, .ply)
     scene: PathBuf,
@@ -70,7 +71,7 @@ pub(super) struct StudyArgs {
     #[arg(long, value_name = "FILE.toml")]
     config: Option<PathBuf>,
     /// Integrators or backends that differ in one value: key=A..BxN, N values with both ends, at equal factors where both are above 0, whole between whole ends; or
-    /// key=A|B|C. Backends have the integrator that auto chooses. May be repeated
+    /// key=A|B|C. Backends, and envmap:sampling_columns, have the integrator that auto chooses. May be repeated
     #[arg(long, value_name = "NAME:KEY=VALUES,...")]
     sweep: Vec<String>,
     /// An integrator, as in `render --integrator`. May be repeated

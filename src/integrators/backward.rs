@@ -5,7 +5,7 @@
 //! It cannot find light that reaches a diffuse surface through a delta lobe from a point light, and
 //! finds caustics from small lights only by luck.
 
-use glam::Vec3;
+use glam::{Vec2, Vec3};
 
 use super::parameters::{PathLength, bad, unknown};
 use super::{IntegratorError, PathObserver, Strategy};
@@ -133,13 +133,11 @@ impl Backward {
             let set = SETS_PER_VERTEX * (depth - 1);
             let may_end = depth >= self.length.rr_depth;
             let [u, light_u, v, light_v] = sampler.block(set + DIRECTION_SET);
-            let [light, lobe, roulette, _] = if may_end || world.lights.len() > 1 || vertex.bsdf.has_lobes() {
-                sampler.block(set + CHOICE_SET)
-            } else {
-                [0.0; 4]
-            };
+            let has_choice = may_end || world.lights.len() > 1 || vertex.bsdf.has_lobes();
+            let (light, [lobe, roulette, _]) =
+                if has_choice { sampler.choices(set + CHOICE_SET) } else { (0.0, [0.0; 3]) };
             if !vertex.bsdf.is_delta() {
-                let u = [light, light_u, light_v];
+                let u = (light, Vec2::new(light_u, light_v));
                 let (lit, traced) = sample_light(world, query, &walk, &vertex, depth, u, observer);
                 radiance += lit;
                 rays += traced;
@@ -222,10 +220,10 @@ pub(super) fn sample_light<Q: RayQuery, O: PathObserver>(
     walk: &Walk,
     vertex: &SurfaceVertex,
     depth: u32,
-    u: [f32; 3],
+    (choice, u): (f64, Vec2),
     observer: &mut O,
 ) -> (Rgb, u32) {
-    let Some(light) = world.lights.sample_li(&vertex.point, u) else { return (Rgb::ZERO, 0) };
+    let Some(light) = world.lights.sample_li(&vertex.point, choice, u) else { return (Rgb::ZERO, 0) };
     let scattered = vertex.eval(light.wi, TransportMode::Radiance);
     if scattered == Rgb::ZERO {
         return (Rgb::ZERO, 0);

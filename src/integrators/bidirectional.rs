@@ -9,7 +9,7 @@
 //! What no strategy can make is what is delta at both ends of every edge: a point light's light that goes through smooth glass onto a
 //! diffuse surface and back through the glass into a pinhole.
 
-use glam::{IVec2, Vec3};
+use glam::{IVec2, Vec2, Vec3};
 
 use super::light_path::{self, LightVertex};
 use super::parameters::{PathLength, choice, unknown, word};
@@ -157,10 +157,10 @@ impl<Q: RayQuery, O: PathObserver> EyePath<'_, '_, '_, Q, O> {
             let may_end = depth >= self.length.rr_depth;
             let [u, light_u, v, light_v] = sampler.block(set + DIRECTION_SET);
             let has_choice = may_end || self.pass.world.lights.len() > 1 || vertex.bsdf.has_lobes();
-            let [light, lobe, roulette, _] =
-                if has_choice { sampler.block(set + CHOICE_SET) } else { [0.0; 4] };
+            let (light, [lobe, roulette, _]) =
+                if has_choice { sampler.choices(set + CHOICE_SET) } else { (0.0, [0.0; 3]) };
             if !vertex.bsdf.is_delta() {
-                self.sample_light(&end, [light, light_u, light_v]);
+                self.sample_light(&end, light, Vec2::new(light_u, light_v));
                 self.connect_all(&end, max_depth);
             }
             let Some(scatter) = walk.scatter(&vertex, [lobe, u, v]) else { break };
@@ -213,9 +213,9 @@ impl<Q: RayQuery, O: PathObserver> EyePath<'_, '_, '_, Q, O> {
     }
 
     /// Strategy (1, t).
-    fn sample_light(&mut self, end: &EyeVertex, u: [f32; 3]) {
+    fn sample_light(&mut self, end: &EyeVertex, choice: f64, u: Vec2) {
         let lights = &self.pass.world.lights;
-        let Some(light) = lights.sample_li(&end.vertex.point, u) else { return };
+        let Some(light) = lights.sample_li(&end.vertex.point, choice, u) else { return };
         let Some(scattered) = end.vertex.evaluate(light.wi, TransportMode::Radiance) else { return };
         self.scratch.rays += 1;
         if self.pass.query.occluded(&light.shadow_ray) {

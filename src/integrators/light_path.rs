@@ -45,7 +45,7 @@ const FAIR_DEPTH: u32 = 32;
 pub(super) fn start<Q>(pass: &Pass<Q>, slot: u64, count: u64) -> Option<(LeSample, Sampler)> {
     let sampler = pass.light_sampler(slot, count);
     let [u, x, v, y] = sampler.block(DIRECTION_SET);
-    let [choice, ..] = sampler.block(CHOICE_SET);
+    let (choice, _) = sampler.choices(CHOICE_SET);
     Some((pass.world.lights.sample_le(choice, Vec2::new(x, y), Vec2::new(u, v))?, sampler))
 }
 
@@ -118,7 +118,7 @@ pub(super) fn trace<'w, 's, Q: RayQuery, O: PathObserver>(
     scratch.light_vertices.clear();
     let sampler = pass.light_sampler(slot, pass.light_paths());
     let [u, x, v, y] = sampler.block(DIRECTION_SET);
-    let [choice, lens_u, _, lens_v] = sampler.block(CHOICE_SET);
+    let (choice, [lens_u, _, lens_v]) = sampler.choices(CHOICE_SET);
     let Some(start) = pass.world.lights.sample_le(choice, Vec2::new(x, y), Vec2::new(u, v)) else { return };
     let power = start.power();
     let mut tracer = Tracer { weights, length, pass, start, power, scratch, observer };

@@ -47,14 +47,13 @@ impl AliasTable {
         Some(Self { bins, pdf: pdf.iter().map(|&p| p as f32).collect() })
     }
 
-    /// Draws an index with `u` in [0, 1).
+    /// Draws an index with `u` in [0, 1). Probabilities are right to about the step between two values that `u` may have, times the number of indices.
     #[inline]
-    pub fn sample(&self, u: f32) -> usize {
+    pub fn sample(&self, u: f64) -> usize {
         if self.bins.len() == 1 {
             return 0;
         }
-        // f64, so that a table of millions of bins still has bits left to choose within one.
-        let scaled = f64::from(u) * self.bins.len() as f64;
+        let scaled = u * self.bins.len() as f64;
         let i = (scaled as usize).min(self.bins.len() - 1);
         let bin = self.bins[i];
         if scaled - (i as f64) < f64::from(bin.threshold) { i } else { bin.alias as usize }

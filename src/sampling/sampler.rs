@@ -46,6 +46,21 @@ impl Sampler {
     /// Dimensions `4 set .. 4 set + 4`, each in [0, 1) and stratified together over the indices of the stream.
     #[inline]
     pub fn block(&self, set: u32) -> [f32; 4] {
+        self.bits(set).to_f32_norm()
+    }
+
+    /// The same with all 32 bits of the first, for a choice among many: f32 has 23 of them, which are 4 for each of two million lights.
+    #[inline]
+    pub fn choices(&self, set: u32) -> (f64, [f32; 3]) {
+        let bits = self.bits(set);
+        let [first, ..] = <[u32; 4]>::from(bits);
+        let [_, a, b, c] = bits.to_f32_norm();
+        (f64::from(first) * (1.0 / 4_294_967_296.0), [a, b, c])
+    }
+
+    /// The numbers as fractions of 2^32.
+    #[inline]
+    fn bits(&self, set: u32) -> Int4 {
         if set < NUM_DIMENSION_SETS_4D {
             let sobol = sobol_int4_rev(self.index.reverse_bits(), set);
             // A scramble for each dimension of each stream.
@@ -53,11 +68,10 @@ impl Sampler {
             let second = mix(self.key.wrapping_add(u64::from(2 * set + 1).wrapping_mul(GOLDEN)));
             let scramble =
                 Int4::from([first as u32, (first >> 32) as u32, second as u32, (second >> 32) as u32]);
-            return owen_scramble_int4_rev(sobol, scramble).reverse_bits().to_f32_norm();
+            return owen_scramble_int4_rev(sobol, scramble).reverse_bits();
         }
         let x = mix(self.key ^ (u64::from(self.index) << 32 | u64::from(set)));
         let y = mix(x ^ self.key.rotate_left(17));
-        let to_unit = |bits: u64| ((bits as u32) >> 8) as f32 * (1.0 / 16_777_216.0);
-        [x, x >> 32, y, y >> 32].map(to_unit)
+        Int4::from([x, x >> 32, y, y >> 32].map(|bits| bits as u32))
     }
 }

@@ -61,6 +61,7 @@ pub struct EnvironmentMap {
     image: Arc<Image>,
     scale: f32,
     to_world: DMat3,
+    sampling_columns: u32,
 }
 
 impl EnvironmentMap {
@@ -74,7 +75,20 @@ impl EnvironmentMap {
         let finite = (0..size.y)
             .all(|row| (0..size.x).all(|column| (image.rgb(column, row, false) * scale).is_finite()));
         (size.x >= 2 && size.y >= 3 && scale >= 0.0 && scale.is_finite() && finite && orthogonal)
-            .then_some(Self { image, scale, to_world })
+            .then_some(Self { image, scale, to_world, sampling_columns: size.x })
+    }
+
+    /// Has directions drawn by the luminance of a map of so many columns, from 2 on, and as many rows as go with them: a coarser one takes less memory and is drawn from
+    /// faster, but follows small bright lights less closely. The image that a render converges to stays. More columns than the map has are as good as those.
+    #[must_use]
+    pub fn with_sampling_columns(mut self, columns: u32) -> Self {
+        self.sampling_columns = columns.clamp(2, self.size().x);
+        self
+    }
+
+    /// Columns of the map by whose luminance directions are drawn.
+    pub fn sampling_columns(&self) -> u32 {
+        self.sampling_columns
     }
 
     /// Columns and rows.

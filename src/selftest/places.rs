@@ -107,21 +107,31 @@ pub(super) fn check_place(bench: &Bench) -> Result<Vec<Finding>, SelftestError> 
 /// Name, passes, parameters, whether edges are dark, whether it reaches flat and long boxes.
 type FurnaceCase = (&'static str, u32, &'static [(&'static str, &'static str)], bool, bool);
 
+/// What is lost along the edges of the box that is stretched to 1e4 and turned: the camera is 1000 from the origin, where a ray may start 22 roundings, 0.0013,
+/// off its surface, and what starts beside an edge is outside; three times that share of the half width of 1, since parts of the box are farther away. The table of limits
+/// has what was measured.
+const EDGE_LOSS: f64 = 3.0 * 22.0 * 1000.0 / (1u64 << 24) as f64;
+
 /// Turned by odd angles, mirrored, and squeezed to 1 : 1e4, each against the closed form: inside a closed surface that glows and reflects diffusely, radiance is the same
 /// everywhere, whatever its shape.
 ///
 /// 64 independent images give a mean and its error; the limit is 5.5 errors, which chance exceeds with a probability below 1e-6 (Student's t with 63 degrees of freedom), and a
-/// check with an error above 0.5 % is void. The photon maps' radiance is too low along edges by design (their disc reaches
+/// check with an error above 0.5 % is void. The stretched box is allowed [`EDGE_LOSS`] more. The photon maps' radiance is too low along edges by design (their disc reaches
 /// over them), so they are held against the same box seen in the same way before it was turned; and not at 1 : 1e4, where the disc is wider than the box is high. Nor is `ptracer`:
 /// of its paths one in 1e8 ends where the camera looks.
 pub(super) fn check_orientation(bench: &Bench) -> Result<Vec<Finding>, SelftestError> {
     let turned = DMat3::from_quat(DQuat::from_euler(glam::EulerRot::ZYX, 1.1, -0.4, 2.7));
     let mirrored = turned * DMat3::from_diagonal(DVec3::new(1.0, -1.0, 1.0));
     let cases = [
-        ("turned", turned, true),
-        ("turned and mirrored", mirrored, true),
-        ("squeezed to 1 : 1e4", DMat3::from_diagonal(DVec3::new(1.0, 1.0, 1e-4)), false),
-        ("turned, stretched 1e4 : 1", turned * DMat3::from_diagonal(DVec3::new(1e4, 1.0, 1.0)), false),
+        ("turned", turned, true, 0.0),
+        ("turned and mirrored", mirrored, true, 0.0),
+        ("squeezed to 1 : 1e4", DMat3::from_diagonal(DVec3::new(1.0, 1.0, 1e-4)), false, 0.0),
+        (
+            "turned, stretched 1e4 : 1",
+            turned * DMat3::from_diagonal(DVec3::new(1e4, 1.0, 1.0)),
+            false,
+            EDGE_LOSS,
+        ),
     ];
     let more = if bench.effort == Effort::Quick { 1 } else { 16 };
     let estimate = |matrix: DMat3, is_rotation: bool, (name, passes, parameters): (&str, u32, &[_])| {
@@ -146,7 +156,7 @@ pub(super) fn check_orientation(bench: &Bench) -> Result<Vec<Finding>, SelftestE
         } else {
             (FURNACE_RADIANCE, 0.0)
         };
-        for (which, matrix, is_rotation) in cases {
+        for (which, matrix, is_rotation, loss) in cases {
             if !(is_rotation || reaches_all) {
                 continue;
             }
@@ -155,7 +165,7 @@ pub(super) fn check_orientation(bench: &Bench) -> Result<Vec<Finding>, SelftestE
             let check = format!("glowing box {which}: relative error of its radiance");
             let measured = if error > 0.005 { f64::NAN } else { (mean / reference.0 - 1.0).abs() };
             // The rounding of some ten operations on each of some ten bounces.
-            let limit = 5.5 * error + 1e-5;
+            let limit = 5.5 * error + 1e-5 + loss;
             let finding = bench.finding(Group::Orientation, check, measured, limit);
             findings.push(Finding { integrator: label, ..finding });
         }

@@ -1,8 +1,8 @@
 //! `auto`: the integrator that is expected to have the least error at equal cost.
 //!
 //! Candidates are those that the classes of paths in the scene ask for ([`Requirements`]): `path` and `bdpt` always, and photons for caustics
-//! (`sppm:mode=caustic`) where some are that `path` cannot find or finds by luck. Each is tried in a [`Pilot`]. The choice is a function of the scene and the film's
-//! size, and of nothing that depends on the machine.
+//! (`sppm:mode=caustic`) where some are that `path` cannot find or finds by luck. Each is tried in a [`Pilot`], and those that come close to each other in one of
+//! as many passes as a render has. The choice is a function of the scene and the film's size, and of nothing that depends on the machine.
 
 use crate::integrators::backward::Backward;
 use crate::integrators::bidirectional::Bidirectional;
@@ -25,6 +25,12 @@ const PASSES: u32 = 16;
 
 /// The same with photons, of which a pass has as many as in a render: the noise of a lookup depends on their number.
 const PHOTON_PASSES: u32 = 2;
+
+/// Candidates with expected errors of less than this many times the least are tried again, in as many passes as the budget pays for, but at most [`MAX_PASSES`]:
+/// noise falls faster than with the inverse of the number of samples where these are spread evenly, and rare light is seen late. In the Cornell box of the test data
+/// `relative_variance` of `path` falls from 0.050 after 16 passes to 0.025 after 256.
+const CLOSE: f64 = 5.0;
+const MAX_PASSES: f64 = 128.0;
 
 /// Light is missing if it is this many standard errors less than what another integrator finds, and this share of it.
 const MISSING_ERRORS: f64 = 4.0;
@@ -108,7 +114,22 @@ fn choose_among<Q: RayQuery>(
         let pilot = Pilot::run(&world, query, integrator, size, passes)?;
         tried.push(Candidate { integrator, name, pilot, cost });
     }
-    let errors: Vec<f64> = (0..tried.len()).map(|i| expected_error(&tried, i, film_pixels)).collect();
+    let errors_of = |tried: &[Candidate]| -> Vec<f64> {
+        (0..tried.len()).map(|i| expected_error(tried, i, film_pixels)).collect()
+    };
+    let mut errors = errors_of(&tried);
+    let least = errors.iter().copied().fold(f64::INFINITY, f64::min);
+    let is_close = |error: &&f64| **error <= CLOSE * least;
+    if errors.iter().filter(is_close).count() > 1 {
+        for (candidate, _) in tried.iter_mut().zip(&errors).filter(|(_, error)| is_close(error)) {
+            let Candidate { integrator, pilot, cost, .. } = candidate;
+            let passes = (BUDGET / (pilot.rays * *cost)).min(MAX_PASSES) as u32;
+            if passes > PASSES && !matches!(integrator, Integrator::PhotonMap(_)) {
+                *pilot = Pilot::run(&world, query, *integrator, size, passes)?;
+            }
+        }
+        errors = errors_of(&tried);
+    }
     let best = (0..tried.len()).min_by(|&a, &b| errors[a].total_cmp(&errors[b])).unwrap_or(0);
     let why = explain(&tried, &errors, best, &classes, &needs);
     Ok(Choice { integrator: tried[best].integrator, why })

@@ -25,6 +25,8 @@ pub struct Identity {
     pub integrator: String,
     /// Backend with its settings.
     pub backend: String,
+    /// In how many columns the environment map is sampled, if not as the scene says.
+    pub sampling_columns: Option<u32>,
     /// The seed.
     pub seed: u64,
     /// Budgets in seconds.
@@ -195,10 +197,11 @@ impl Store {
 
     /// The folder of a cell. Its name says what a person looks for; the checksum tells the rest apart.
     fn cell(&self, identity: &Identity) -> PathBuf {
-        let Identity { scene, integrator, backend, seed, budgets, size, threads, reference, version } =
-            identity;
-        let all =
-            format!("{scene} {integrator} {backend} {budgets:?} {size:?} {threads} {reference} {version}");
+        let Identity { scene, integrator, backend, sampling_columns, seed, budgets, .. } = identity;
+        let Identity { size, threads, reference, version, .. } = identity;
+        let all = format!(
+            "{scene} {integrator} {backend} {sampling_columns:?} {budgets:?} {size:?} {threads} {reference} {version}"
+        );
         let name = integrator.split(':').next().unwrap_or_default();
         let checksum = crc32fast::hash(all.as_bytes());
         self.folder.join("cells").join(format!("{name}-{seed}-{checksum:08x}"))

@@ -10,6 +10,7 @@
 //! name = "no roulette"
 //! integrator = "path:rr_depth=1000"
 //! backend = "obvhs"
+//! sampling_columns = 256       # of the environment map
 //! ```
 //!
 //! All is optional but name and integrator of a configuration.
@@ -56,6 +57,8 @@ struct Configuration {
     integrator: Spec,
     #[serde(default, deserialize_with = "optional_spec")]
     backend: Option<Spec>,
+    #[serde(default, deserialize_with = "columns")]
+    sampling_columns: Option<u32>,
 }
 
 /// Why a file was refused, and where.
@@ -95,12 +98,12 @@ impl Config {
     pub fn plan(&self, planner: &mut Planner) -> Result<(), ConfigError> {
         let (path, text) = &self.source;
         for entry in &self.configurations {
-            let Configuration { name, integrator, backend } = entry.as_ref();
+            let Configuration { name, integrator, backend, sampling_columns } = entry.as_ref();
             let located = |error: PlanError| ConfigError {
                 location: location(path, text, entry.span().start),
                 why: error.to_string(),
             };
-            planner.add(name.clone(), integrator, backend.as_ref()).map_err(located)?;
+            planner.add(name.clone(), integrator, backend.as_ref(), *sampling_columns).map_err(located)?;
         }
         Ok(())
     }
@@ -112,6 +115,11 @@ fn location(file: &Path, text: &str, byte: usize) -> Location {
     let line_start = before.rfind('\n').map_or(0, |newline| newline + 1);
     let (line, column) = (1 + before.matches('\n').count(), 1 + before[line_start..].chars().count());
     Location { file: file.to_owned(), position: Position::LineColumn(line, column) }
+}
+
+fn columns<'de, D: Deserializer<'de>>(from: D) -> Result<Option<u32>, D::Error> {
+    let columns = u32::deserialize(from)?;
+    if columns < 2 { Err(de::Error::custom("expected a whole number from 2 on")) } else { Ok(Some(columns)) }
 }
 
 fn budgets<'de, D: Deserializer<'de>>(from: D) -> Result<Vec<Duration>, D::Error> {

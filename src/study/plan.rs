@@ -12,8 +12,8 @@ use crate::integrators::backward::Backward;
 use crate::integrators::photon_map::{Mode, PhotonMapper};
 use crate::integrators::{Ability, Integrator, IntegratorError, PathLength, TooManyStored};
 use crate::query::{Backend, BackendError, RayQuery};
-use crate::scene::Scene;
 use crate::scene::requirements::{PathClass, Requirements};
+use crate::scene::{Emitter, Scene};
 use crate::spec::{Spec, spec};
 
 /// A configuration to be rendered.
@@ -25,6 +25,8 @@ pub struct Planned {
     pub integrator: Integrator,
     /// The backend.
     pub backend: Backend,
+    /// In how many columns the scene's environment map is sampled; `None`: as the scene says.
+    pub sampling_columns: Option<u32>,
     /// Why its image does not converge to the scene's, however long it takes; `None` if it does.
     pub bias: Option<String>,
     /// Why `auto` chose the integrator; `None` if it was named.
@@ -55,9 +57,8 @@ impl Plan {
     /// How many configurations there are that differ in more than their names.
     pub fn distinct(&self) -> usize {
         let is_new = |(i, one): &(usize, &Planned)| {
-            let is_same =
-                |other: &Planned| (other.integrator, other.backend) == (one.integrator, one.backend);
-            !self.configurations[..*i].iter().any(is_same)
+            let what = |p: &Planned| (p.integrator, p.backend, p.sampling_columns);
+            !self.configurations[..*i].iter().any(|other| what(other) == what(one))
         };
         self.configurations.iter().enumerate().filter(is_new).count()
     }
@@ -86,12 +87,20 @@ pub enum PlanError {
         error: BackendError,
     },
     /// A sweep of nothing that there is.
-    #[error("`{text}`: `{name}` is not known; integrators: {}, {AUTO}; backends: {}", Integrator::NAMES.join(", "), Backend::NAMES.join(", "))]
+    #[error("`{text}`: `{name}` is not known; integrators: {}, {AUTO}; backends: {}; environment: {ENVMAP}", Integrator::NAMES.join(", "), Backend::NAMES.join(", "))]
     UnknownName {
         /// What was asked for.
         text: String,
         /// The name in it.
         name: String,
+    },
+    /// How an environment map is to be sampled makes no sense.
+    #[error("`{text}`: {why}")]
+    Environment {
+        /// What was asked for.
+        text: String,
+        /// Why it was refused.
+        why: String,
     },
     /// Two configurations have one name.
     #[error("there are two configurations `{0}`")]
@@ -108,14 +117,27 @@ enum Wanted {
     Auto(PathLength),
 }
 
-/// What is asked for, before [`auto`](super::auto) has chosen.
+/// What sweeps of how environment maps are sampled are called, and their only parameter: as in scene files.
+const ENVMAP: &str = "envmap";
+const SAMPLING_COLUMNS: &str = "sampling_columns";
+
+/// A configuration, before [`auto`](super::auto) has chosen.
+#[derive(Debug, Clone)]
+struct Entry {
+    name: String,
+    wanted: Wanted,
+    backend: Backend,
+    sampling_columns: Option<u32>,
+}
+
+/// What is asked for.
 #[derive(Debug, Clone)]
 pub struct Planner {
     /// Of the scene's own integrator.
     length: PathLength,
     /// Where none is named.
     backend: Backend,
-    wanted: Vec<(String, Wanted, Backend)>,
+    wanted: Vec<Entry>,
     left_out: Vec<LeftOut>,
 }
 
@@ -148,30 +170,41 @@ impl Planner {
     /// # Errors
     /// If it is not known, a parameter is wrong, or the name is taken.
     pub fn integrator(&mut self, text: &Spec) -> Result<(), PlanError> {
-        self.add(text.to_string(), text, None)
+        self.add(text.to_string(), text, None, None)
     }
 
     /// Asks for a configuration.
     ///
     /// # Errors
     /// If integrator or backend are not known, a parameter is wrong, or the name is taken.
-    pub fn add(&mut self, name: String, integrator: &Spec, backend: Option<&Spec>) -> Result<(), PlanError> {
+    pub fn add(
+        &mut self,
+        name: String,
+        integrator: &Spec,
+        backend: Option<&Spec>,
+        sampling_columns: Option<u32>,
+    ) -> Result<(), PlanError> {
         let wanted = self
             .read_integrator(integrator)
             .map_err(|error| PlanError::Integrator { text: integrator.to_string(), error })?;
         let backend = backend.map_or(Ok(self.backend), read_backend)?;
-        self.push(name, wanted, backend)
+        self.push(Entry { name, wanted, backend, sampling_columns })
     }
 
-    /// Asks for all that a sweep stands for: `NAME:key=A..BxN,...` or `NAME:key=A|B|...,...`. A backend is swept with the integrator that [`auto`](super::auto) chooses.
+    /// Asks for all that a sweep stands for: `NAME:key=A..BxN,...` or `NAME:key=A|B|...,...`. Backends and `envmap:sampling_columns` are swept with the integrator that
+    /// [`auto`](super::auto) chooses.
     ///
     /// # Errors
     /// If the sweep cannot be read, or one of what it stands for is refused.
     pub fn sweep(&mut self, text: &str) -> Result<(), PlanError> {
         for one in sweep::expand(text).map_err(|why| PlanError::Text(format!("`{text}`: {why}")))? {
             let name = one.name.as_str();
+            let (wanted, backend) = (Wanted::Auto(self.length), self.backend);
+            let entry = Entry { name: one.to_string(), wanted, backend, sampling_columns: None };
             if Backend::NAMES.contains(&name) {
-                self.push(one.to_string(), Wanted::Auto(self.length), read_backend(&one)?)?;
+                self.push(Entry { backend: read_backend(&one)?, ..entry })?;
+            } else if name == ENVMAP {
+                self.push(Entry { sampling_columns: Some(read_columns(&one)?), ..entry })?;
             } else if name == AUTO || Integrator::NAMES.contains(&name) {
                 self.integrator(&one)?;
             } else {
@@ -191,7 +224,8 @@ impl Planner {
             let reason = match self.read_integrator(&spec) {
                 Ok(wanted) => match does_not_apply(wanted, self.length, needs) {
                     None => {
-                        self.push(name.to_owned(), wanted, self.backend)?;
+                        let (name, backend) = (name.to_owned(), self.backend);
+                        self.push(Entry { name, wanted, backend, sampling_columns: None })?;
                         continue;
                     }
                     Some(reason) => reason.to_owned(),
@@ -204,11 +238,11 @@ impl Planner {
         Ok(())
     }
 
-    fn push(&mut self, name: String, wanted: Wanted, backend: Backend) -> Result<(), PlanError> {
-        if self.wanted.iter().any(|(other, ..)| *other == name) {
-            return Err(PlanError::Name(name));
+    fn push(&mut self, entry: Entry) -> Result<(), PlanError> {
+        if self.wanted.iter().any(|other| other.name == entry.name) {
+            return Err(PlanError::Name(entry.name));
         }
-        self.wanted.push((name, wanted, backend));
+        self.wanted.push(entry);
         Ok(())
     }
 
@@ -229,12 +263,17 @@ impl Planner {
     /// Lets [`auto`](super::auto) choose where it was asked to. `query` holds the scene's shapes.
     ///
     /// # Errors
-    /// If a pilot has too many photons.
+    /// If a pilot has too many photons, or an environment map is to be sampled and there is none.
     pub fn resolve<Q: RayQuery>(self, scene: &Scene, query: &Q) -> Result<Plan, PlanError> {
         let needs = Requirements::of(scene);
         let mut chosen: Vec<(PathLength, super::auto::Choice)> = Vec::new();
         let mut configurations = Vec::new();
-        for (name, wanted, backend) in self.wanted {
+        let has_map = scene.emitters.iter().any(|emitter| matches!(emitter, Emitter::Map(_)));
+        for Entry { name, wanted, backend, sampling_columns } in self.wanted {
+            if sampling_columns.is_some() && !has_map {
+                let why = "the scene has no environment map".to_owned();
+                return Err(PlanError::Environment { text: name, why });
+            }
             let (integrator, choice) = match wanted {
                 Wanted::Named(integrator) => (integrator, None),
                 Wanted::Auto(length) => {
@@ -247,7 +286,7 @@ impl Planner {
                 }
             };
             let bias = bias(&integrator, self.length, &needs);
-            configurations.push(Planned { name, integrator, backend, bias, choice });
+            configurations.push(Planned { name, integrator, backend, sampling_columns, bias, choice });
         }
         Ok(Plan { configurations, left_out: self.left_out })
     }
@@ -256,6 +295,18 @@ impl Planner {
 fn read_backend(text: &Spec) -> Result<Backend, PlanError> {
     Backend::new(&text.name, &text.parameters)
         .map_err(|error| PlanError::Backend { text: text.to_string(), error })
+}
+
+fn read_columns(text: &Spec) -> Result<u32, PlanError> {
+    let error = |why: String| PlanError::Environment { text: text.to_string(), why };
+    let [(key, value)] = text.parameters.as_slice() else {
+        return Err(error(format!("expected `{SAMPLING_COLUMNS}` alone")));
+    };
+    let columns = value.parse().ok().filter(|columns| *columns >= 2);
+    match columns {
+        Some(columns) if key == SAMPLING_COLUMNS => Ok(columns),
+        _ => Err(error(format!("expected `{SAMPLING_COLUMNS}`, a whole number from 2 on"))),
+    }
 }
 
 /// Why an integrator has nothing to do in a scene that others have not, for paths of that length.

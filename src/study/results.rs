@@ -47,6 +47,8 @@ pub struct Configuration {
     pub integrator: String,
     /// The backend with its settings, as the command line takes it.
     pub backend: String,
+    /// In how many columns the environment map is sampled; `None`: as the scene says.
+    pub sampling_columns: Option<u32>,
     /// Why its image does not converge to the truth however long it takes; `None` if it does.
     pub bias: Option<String>,
     /// Its runs, one for each seed. Empty if it failed.

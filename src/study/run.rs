@@ -245,6 +245,7 @@ impl<'s> Study<'_, 's> {
             scene: self.settings.fingerprint.clone(),
             integrator: planned.integrator.describe(),
             backend: planned.backend.describe(),
+            sampling_columns: planned.sampling_columns,
             seed,
             budgets: self.settings.seconds(),
             size: self.reference.picture.size.to_array(),
@@ -331,7 +332,8 @@ impl<'s> Study<'_, 's> {
         build: Duration,
         observe: &mut Observer,
     ) -> Result<End, StudyError> {
-        let (world, seed) = (self.world, identity.seed);
+        let own = planned.sampling_columns.map(|n| World::with_sampling_columns(self.world.scene, n));
+        let (world, seed) = (own.as_ref().unwrap_or(self.world), identity.seed);
         let film = Film::new(&world.scene.film, AovSet::default(), world.lights.radiance_unit())?;
         let film = Mutex::new(film);
         let target = Target { integrator: planned.integrator, seed };
@@ -375,6 +377,7 @@ impl<'s> Study<'_, 's> {
                 name: planned.name.clone(),
                 integrator: planned.integrator.describe(),
                 backend: planned.backend.describe(),
+                sampling_columns: planned.sampling_columns,
                 bias: planned.bias.clone(),
                 squared_bias: self.squared_bias(&runs)?,
                 runs: runs.into_iter().map(|(_, run)| run).collect(),
@@ -385,6 +388,7 @@ impl<'s> Study<'_, 's> {
             name: left_out.name.clone(),
             integrator: left_out.integrator.to_string(),
             backend: self.settings.backend.describe(),
+            sampling_columns: None,
             bias: None,
             runs: Vec::new(),
             squared_bias: Vec::new(),

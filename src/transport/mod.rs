@@ -45,13 +45,23 @@ impl<'s> World<'s> {
         Self::for_film(scene, scene.film.size)
     }
 
+    /// Prepares a scene whose environment map is sampled in so many columns, from 2 on, whatever it says itself.
+    pub fn with_sampling_columns(scene: &'s Scene, columns: u32) -> Self {
+        Self::prepare(scene, scene.film.size, Some(columns))
+    }
+
     /// Prepares a scene as seen through a film of another size in pixels.
     pub fn for_film(scene: &'s Scene, film_size: UVec2) -> Self {
+        Self::prepare(scene, film_size, None)
+    }
+
+    fn prepare(scene: &'s Scene, film_size: UVec2, sampling_columns: Option<u32>) -> Self {
         let bounds = scene.shapes.iter().fold(Aabb::EMPTY, |b, s| b.union(s.geometry.bounds()));
         let camera = CameraModel::new(&scene.camera, film_size);
         let bounds = BoundingSphere::new(bounds, &camera);
         let materials = Materials::new(scene);
-        Self { scene, materials, lights: Lights::new(scene, bounds), camera, bounds }
+        let lights = Lights::new(scene, bounds, sampling_columns);
+        Self { scene, materials, lights, camera, bounds }
     }
 }
 

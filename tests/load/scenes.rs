@@ -181,6 +181,32 @@ fn every_plugin_builds_with_its_defaults() {
 }
 
 #[test]
+fn environments_say_how_they_are_sampled() {
+    let folder = Folder::new();
+    let grey = image::RgbImage::from_pixel(4, 3, image::Rgb([90, 90, 90]));
+    let mut png = std::io::Cursor::new(Vec::new());
+    grey.write_to(&mut png, image::ImageFormat::Png).unwrap();
+    folder.write("sky.png", png.into_inner());
+    let columns = |parameter: &str| {
+        let sky = "<string name='filename' value='sky.png'/>";
+        let body = format!("<emitter type='envmap'>{sky}{parameter}</emitter>");
+        folder.write("scene.xml", format!("<scene version='3.0.0'>{body}</scene>"));
+        let scene = folder.load("scene.xml", &LoadOptions::default())?.scene;
+        let Emitter::Map(map) = &scene.emitters[0] else { panic!("an environment map") };
+        Ok::<_, String>(map.sampling_columns())
+    };
+    let of = |n: &str| columns(&format!("<integer name='sampling_columns' value='{n}'/>"));
+    assert_eq!([columns(""), of("2"), of("3"), of("5")], [Ok(4), Ok(2), Ok(3), Ok(4)]);
+    for bad in ["1", "0", "-3"] {
+        let error = of(bad).expect_err(bad);
+        assert!(
+            error.contains("scene.xml:1:") && error.contains("expected a whole number from 2 on"),
+            "{error}"
+        );
+    }
+}
+
+#[test]
 fn errors_say_where_what_and_what_instead() {
     let bodies = [
         "<shape type='torus'/>",

@@ -6,6 +6,8 @@ use super::map::Site;
 use super::photon::Photon;
 use super::trace::{Disc, Photons};
 use super::{Direct, Mode, PhotonMapper};
+use glam::Vec2;
+
 use crate::query::{Ray, RayQuery};
 use crate::sampling::Sampler;
 use crate::scene::Rgb;
@@ -147,9 +149,9 @@ impl PhotonMapper {
             }
             let set = SETS_PER_VERTEX * (depth - 1);
             let [u, light_u, v, light_v] = sampler.block(set + DIRECTION_SET);
-            let [light, lobe, roulette, _] = sampler.block(set + CHOICE_SET);
+            let (light, [lobe, roulette, _]) = sampler.choices(set + CHOICE_SET);
             if !vertex.bsdf.is_delta() {
-                let light = [light, light_u, light_v];
+                let light = (light, Vec2::new(light_u, light_v));
                 radiance += walk.beta * self.reflected(pass, &vertex, depth, (light, sampler), scratch);
             }
             // Of a surface that is smooth in part, the smooth part goes on.
@@ -169,7 +171,7 @@ impl PhotonMapper {
         pass: &Pass<'a, '_, Q>,
         vertex: &SurfaceVertex<'a>,
         depth: u32,
-        (light_u, sampler): ([f32; 3], &Sampler),
+        ((choice, light_u), sampler): ((f64, Vec2), &Sampler),
         scratch: &mut Scratch,
     ) -> Rgb {
         let max_depth = self.length.limit() - depth;
@@ -177,7 +179,7 @@ impl PhotonMapper {
         let is_gathered = self.final_gather > 0;
         let wanted = Wanted { min_depth: 1 + u32::from(by_nee), max_depth, is_specular: is_gathered };
         let mut radiance = pass.photons.radiance(vertex, wanted, scratch);
-        if by_nee && let Some(light) = pass.world.lights.sample_li(&vertex.point, light_u) {
+        if by_nee && let Some(light) = pass.world.lights.sample_li(&vertex.point, choice, light_u) {
             let scattered = vertex.eval(light.wi, TransportMode::Radiance);
             if scattered != Rgb::ZERO {
                 scratch.rays += 1;

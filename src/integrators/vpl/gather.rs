@@ -1,6 +1,6 @@
 //! Phase 2: paths from the camera, and what the virtual lights of a pass send to the surfaces that they meet.
 
-use glam::Vec3;
+use glam::{Vec2, Vec3};
 
 use super::block::{DiffuseReceiver, LANES, Sums};
 use super::deposit::{DIFFUSE, Vpl, VplSet};
@@ -274,11 +274,11 @@ impl VirtualLights {
             }
             let set = SETS_PER_VERTEX * (depth - 1);
             let [u, light_u, v, light_v] = sampler.block(set + DIRECTION_SET);
-            let [light, lobe, roulette, virtual_u] = sampler.block(set + CHOICE_SET);
+            let (light, [lobe, roulette, virtual_u]) = sampler.choices(set + CHOICE_SET);
             if !vertex.bsdf.is_delta() && share > 0.0 {
                 let part = Walk { beta: walk.beta * share, ..walk };
                 if self.direct == Direct::Nee || is_narrow {
-                    let u = [light, light_u, light_v];
+                    let u = (light, Vec2::new(light_u, light_v));
                     let (lit, rays) = sample_light(world, query, &part, &vertex, depth, u, observer);
                     radiance += lit;
                     gather.rays += u64::from(rays);

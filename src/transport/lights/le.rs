@@ -44,7 +44,7 @@ impl LeSample {
 impl Lights<'_> {
     /// Starts a light path: `choice` chooses the light by power, then `position` and `direction` place and aim the ray.
     #[inline]
-    pub fn sample_le(&self, choice: f32, position: Vec2, direction: Vec2) -> Option<LeSample> {
+    pub fn sample_le(&self, choice: f64, position: Vec2, direction: Vec2) -> Option<LeSample> {
         let (id, light, choice) = self.choose(choice)?;
         match light {
             Light::Point { position: p, intensity } => Some(LeSample {

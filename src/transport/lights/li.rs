@@ -29,12 +29,11 @@ pub struct LiSample {
 }
 
 impl Lights<'_> {
-    /// Draws a direction from a surface point to a light: `u[0]` chooses the light, `u[1..3]` the place on it.
+    /// Draws a direction from a surface point to a light: `choice` chooses the light, `uv` the place on it.
     /// `None` where the chosen light sends nothing this way.
     #[inline(always)]
-    pub fn sample_li(&self, from: &SurfacePoint, u: [f32; 3]) -> Option<LiSample> {
-        let (id, light, choice) = self.choose(u[0])?;
-        let uv = Vec2::new(u[1], u[2]);
+    pub fn sample_li(&self, from: &SurfacePoint, choice: f64, uv: Vec2) -> Option<LiSample> {
+        let (id, light, choice) = self.choose(choice)?;
         match light {
             Light::Point { position, intensity } => point_li(id, from, position, choice, |_| intensity),
             Light::Spot(spot) => {

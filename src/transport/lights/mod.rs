@@ -13,6 +13,7 @@ mod area;
 mod environment;
 mod le;
 mod li;
+mod luminance_map;
 mod rectangle;
 mod spot;
 mod start;
@@ -86,8 +87,9 @@ pub struct Lights<'s> {
 }
 
 impl<'s> Lights<'s> {
-    /// Collects the emitters of a scene. `bounds` surrounds its shapes and its camera.
-    pub fn new(scene: &'s Scene, bounds: BoundingSphere) -> Self {
+    /// Collects the emitters of a scene. `bounds` surrounds its shapes and its camera. An environment's map is sampled in so many columns, if that is said, else in as many
+    /// as it says itself.
+    pub fn new(scene: &'s Scene, bounds: BoundingSphere, sampling_columns: Option<u32>) -> Self {
         let mut this = Self {
             shapes: &scene.shapes,
             textures: Textures::of(scene),
@@ -110,7 +112,7 @@ impl<'s> Lights<'s> {
                 this.add_area_lights(index as u32, &shape.geometry);
             }
         }
-        this.add_emitters(&scene.emitters);
+        this.add_emitters(&scene.emitters, sampling_columns);
         let powers: Vec<f64> = this.all.iter().map(|&l| this.power(l, &bounds)).collect();
         this.table = AliasTable::new(&powers);
         let inverse_area = |area: f64| if area > 0.0 { (1.0 / area) as f32 } else { 0.0 };
@@ -147,7 +149,7 @@ impl<'s> Lights<'s> {
         }
     }
 
-    fn add_emitters(&mut self, emitters: &'s [Emitter]) {
+    fn add_emitters(&mut self, emitters: &'s [Emitter], sampling_columns: Option<u32>) {
         for emitter in emitters {
             let light = match emitter {
                 Emitter::Point { position, intensity } => {
@@ -165,7 +167,10 @@ impl<'s> Lights<'s> {
                         Emitter::Constant { radiance } if radiance.max_element() > 0.0 => {
                             Some(Environment::Constant(*radiance))
                         }
-                        Emitter::Map(map) => Environment::from_map(map),
+                        Emitter::Map(map) => {
+                            let columns = sampling_columns.unwrap_or(map.sampling_columns());
+                            Environment::from_map(map, columns)
+                        }
                         _ => None,
                     };
                     let Some(environment) = environment.filter(|_| self.environment.is_none()) else {
@@ -366,7 +371,7 @@ impl<'s> Lights<'s> {
 
     /// Chooses a light: the light and its probability. `None` if nothing emits.
     #[inline]
-    fn choose(&self, u: f32) -> Option<(LightId, Light, f32)> {
+    fn choose(&self, u: f64) -> Option<(LightId, Light, f32)> {
         let table = self.table.as_ref()?;
         let index = table.sample(u);
         Some((LightId(index as u32), self.all[index], table.pdf(index)))

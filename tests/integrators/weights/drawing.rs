@@ -74,7 +74,8 @@ fn draw<Q: RayQuery>(world: &World, query: &Q, random: &mut Random, mut found: i
             return;
         }
         if drawn.len() + 1 == length {
-            let Some(sample) = lights.sample_li(&vertex.point, random.uniform_3d()) else { return };
+            let light = lights.sample_li(&vertex.point, random.uniform_f64(), random.uniform_2d());
+            let Some(sample) = light else { return };
             let blocked = query.occluded(&sample.shadow_ray);
             // Only lights of no size: the others are met by chance.
             if !sample.is_delta || blocked || vertex.evaluate(sample.wi, TransportMode::Radiance).is_none() {

@@ -319,7 +319,7 @@ impl ExplicitPath<'_> {
             (1, _) => {
                 let vertex = &self.inner[0].from_eye;
                 let scattered = vertex.evaluate(-self.light.d, TransportMode::Radiance).expect("light");
-                let light = world.lights.sample_li(&vertex.point, [0.5; 3]);
+                let light = world.lights.sample_li(&vertex.point, 0.5, Vec2::splat(0.5));
                 let light = LiSample {
                     light: self.light.light,
                     wi: -self.light.d,

@@ -91,6 +91,11 @@ pub(super) const PLUGINS: &[Plugin<Build>] = &[
                 Parameter::new("scale", Kind::Float, "1", "factor on the image's radiance"),
                 Parameter::optional("to_world", Kind::Transform, "the image's space (+y up) to world space"),
                 Parameter::new("mis_compensation", Kind::Boolean, "false", "without effect"),
+                Parameter::optional(
+                    "sampling_columns",
+                    Kind::Integer,
+                    "ours: columns of the map by whose luminance light is sampled, by default all",
+                ),
             ],
             SAMPLING,
         ],
@@ -170,5 +175,12 @@ fn envmap(p: &Properties, builder: &mut Builder) -> Result<Light, LoadError> {
         let found = format!("an environment of {} x {} texels, scaled by {scale}", size.x, size.y);
         p.error("filename", found, "at least 2 x 3 texels, and radiance within single precision")
     })?;
-    Ok(Light::Free(Emitter::Map(map)))
+    if !p.has("sampling_columns") {
+        return Ok(Light::Free(Emitter::Map(map)));
+    }
+    let expected = "a whole number from 2 on";
+    match p.integer("sampling_columns", expected)? {
+        0 | 1 => Err(p.bad_value("sampling_columns", expected)),
+        columns => Ok(Light::Free(Emitter::Map(map.with_sampling_columns(columns)))),
+    }
 }
