@@ -9,7 +9,6 @@
 
 use std::path::{Path, PathBuf};
 
-use exr::prelude::{ReadChannels, ReadLayers};
 use helmholtz::film::{AovSet, Film};
 use helmholtz::integrators::Integrator;
 use helmholtz::query::RayQuery;
@@ -20,6 +19,7 @@ use helmholtz::transport::World;
 
 use crate::backends::{BackendTest, on_each_backend};
 use crate::statistics::{erfc, sidak};
+use crate::support::exr_channels;
 
 /// Folder, scene, reference.
 const SCENES: &[(&str, &str, &str)] = &[
@@ -39,20 +39,10 @@ const SIGNIFICANCE: f64 = 0.01;
 /// Of the values of an image that may be rejected, as in Mitsuba's test.
 const TOLERATED: f64 = 0.0025;
 
+/// R, G and B of a file.
 fn channels(path: &Path) -> Vec<Vec<f32>> {
-    let image = exr::prelude::read()
-        .no_deep_data()
-        .largest_resolution_level()
-        .all_channels()
-        .first_valid_layer()
-        .all_attributes()
-        .from_file(path)
-        .unwrap_or_else(|e| panic!("{}: {e}", path.display()));
-    let list = &image.layer_data.channel_data.list;
-    let named = |name: &str| {
-        let channel = list.iter().find(|c| c.name.to_string() == name).expect("R, G and B");
-        channel.sample_data.values_as_f32().collect()
-    };
+    let all = exr_channels(path);
+    let named = |name| all.iter().find(|(own, _)| own == name).expect("R, G and B").1.clone();
     ["R", "G", "B"].into_iter().map(named).collect()
 }
 

@@ -1,9 +1,26 @@
 //! What several subjects need: random numbers, meshes, shapes.
 
+use std::path::Path;
+
+use exr::prelude::{ReadChannels, ReadLayers};
 use glam::{DVec3, Vec3};
 use helmholtz::scene::{AnalyticShape, Geometry, MaterialId, Shape, TriangleMesh};
 pub(crate) use helmholtz::selftest::solids::Rng;
 use helmholtz::selftest::solids::Solid;
+
+/// Names and values of all channels of an EXR file.
+pub(crate) fn exr_channels(path: &Path) -> Vec<(String, Vec<f32>)> {
+    let image = exr::prelude::read()
+        .no_deep_data()
+        .largest_resolution_level()
+        .all_channels()
+        .first_valid_layer()
+        .all_attributes()
+        .from_file(path)
+        .unwrap_or_else(|e| panic!("{}: {e}", path.display()));
+    let list = image.layer_data.channel_data.list;
+    list.iter().map(|c| (c.name.to_string(), c.sample_data.values_as_f32().collect())).collect()
+}
 
 pub(crate) fn shape(geometry: Geometry) -> Shape {
     Shape { name: String::new(), geometry, material: MaterialId(0), emission: None }

@@ -6,6 +6,7 @@ use clap::Args;
 use glam::UVec2;
 use serde_json::{Value, json};
 
+use super::common::{Reading, Threads};
 use super::integrator::Wanted;
 use super::render::resize;
 use super::table::table;
@@ -16,8 +17,8 @@ use crate::query::reference::nearest;
 use crate::query::{Backend, RayQuery};
 use crate::render::Target;
 use crate::scene::Shape;
-use crate::scene::load::{LoadOptions, Loaded, load};
-use crate::spec::{Spec, key_value, size, spec};
+use crate::scene::load::{Loaded, load};
+use crate::spec::{Spec, size, spec};
 use crate::study::ab::{self, Effort, KINDS, Report};
 use crate::transport::World;
 
@@ -58,18 +59,13 @@ pub(super) struct AbArgs {
     /// Seed of the random numbers
     #[arg(long, default_value_t = 0)]
     seed: u64,
-    /// Threads [default: one per core]
-    #[arg(long, value_name = "N", value_parser = clap::value_parser!(u32).range(1..))]
-    threads: Option<u32>,
+    #[command(flatten)]
+    threads: Threads,
     /// Film size in pixels instead of the scene's
     #[arg(long, value_name = "WIDTHxHEIGHT", value_parser = size)]
     size: Option<UVec2>,
-    /// Replace $NAME in the scene file
-    #[arg(short = 'D', value_name = "NAME=VALUE", value_parser = key_value)]
-    define: Vec<(String, String)>,
-    /// Replace what is not supported in a scene file, with a warning that says by what
-    #[arg(long)]
-    lenient: bool,
+    #[command(flatten)]
+    reading: Reading,
     /// Write a report with images to one HTML file
     #[arg(short, long, value_name = "FILE.html")]
     output: Option<PathBuf>,
@@ -82,12 +78,8 @@ pub(super) fn run(args: &AbArgs) -> Result<u8, CliError> {
     let first =
         args.a.as_ref().map_or_else(|| Ok(Backend::default()), |s| Backend::new(&s.name, &s.parameters))?;
     let backends = [first, Backend::new(&args.b.name, &args.b.parameters)?];
-    if let Some(threads) = args.threads {
-        rayon::ThreadPoolBuilder::new().num_threads(threads as usize).build_global()?;
-    }
-    let options =
-        LoadOptions { defines: args.define.clone(), lenient: args.lenient, ..LoadOptions::default() };
-    let Loaded { mut scene, warnings, .. } = load(&args.scene, &options)?;
+    args.threads.start()?;
+    let Loaded { mut scene, warnings, .. } = load(&args.scene, &args.reading.options())?;
     for warning in &warnings {
         eprintln!("{warning}");
     }
@@ -97,7 +89,7 @@ pub(super) fn run(args: &AbArgs) -> Result<u8, CliError> {
     if let Some(size) = args.size {
         resize(&mut scene, size);
     }
-    let wanted = Wanted::new(args.integrator.as_ref(), &scene.integrator, args.lenient)?;
+    let wanted = Wanted::new(args.integrator.as_ref(), &scene.integrator, args.reading.lenient)?;
     let (integrator, remark) = wanted.resolve(&scene, &backends[0].build(&scene.shapes)?)?;
     if let Some(remark) = remark {
         eprintln!("{remark}");

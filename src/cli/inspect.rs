@@ -7,6 +7,7 @@ use clap::Args;
 use glam::UVec2;
 use serde_json::{Value, json};
 
+use super::common::Reading;
 use super::integrator::Wanted;
 use super::render::resize;
 use super::{CliError, EXIT_DIFFERENT, EXIT_DONE};
@@ -14,10 +15,10 @@ use crate::integrators::vpl::VirtualLights;
 use crate::integrators::{Ability, Integrator, PathLength};
 use crate::query::{Backend, RayQuery};
 use crate::scene::findings::{Finding, findings};
-use crate::scene::load::{LoadOptions, load};
+use crate::scene::load::load;
 use crate::scene::requirements::{PathClass, Requirements};
 use crate::scene::{Geometry, Scene, Shape, Texture};
-use crate::spec::{Spec, key_value, size, spec};
+use crate::spec::{Spec, size, spec};
 use crate::study::auto::choose;
 use crate::study::pilot::Pilot;
 use crate::study::verify::{Verdict, judge};
@@ -50,12 +51,8 @@ pub(super) struct InspectArgs {
     /// Ray queries by, as of `render`
     #[arg(long, value_name = "NAME:KEY=VALUE,...", value_parser = spec)]
     backend: Option<Spec>,
-    /// Replace $NAME in the scene file
-    #[arg(short = 'D', value_name = "NAME=VALUE", value_parser = key_value)]
-    define: Vec<(String, String)>,
-    /// Replace what is not supported in a scene file, with a warning that says by what
-    #[arg(long)]
-    lenient: bool,
+    #[command(flatten)]
+    reading: Reading,
     /// Print as JSON
     #[arg(long)]
     json: bool,
@@ -71,9 +68,7 @@ const PASSES: u32 = 32;
 const PHOTON_PASSES: u32 = 2;
 
 pub(super) fn run(args: &InspectArgs) -> Result<u8, CliError> {
-    let options =
-        LoadOptions { defines: args.define.clone(), lenient: args.lenient, ..LoadOptions::default() };
-    let mut loaded = load(&args.scene, &options)?;
+    let mut loaded = load(&args.scene, &args.reading.options())?;
     for warning in &loaded.warnings {
         eprintln!("{warning}");
     }
@@ -81,7 +76,7 @@ pub(super) fn run(args: &InspectArgs) -> Result<u8, CliError> {
         resize(&mut loaded.scene, size);
     }
     let scene = &loaded.scene;
-    let wanted = Wanted::new(args.integrator.as_ref(), &scene.integrator, args.lenient)?;
+    let wanted = Wanted::new(args.integrator.as_ref(), &scene.integrator, args.reading.lenient)?;
     let inspection = Inspection::new(scene, wanted)?;
     let verified = match (args.verify, &args.backend) {
         (false, _) => None,

@@ -1,6 +1,7 @@
 //! The command line: one file per subcommand. All printing to people happens here.
 
 mod ab;
+mod common;
 mod debug_pixel;
 mod diff;
 mod inspect;

@@ -23,7 +23,7 @@ use crate::integrators::{Integrator, Strategy};
 use crate::query::{Backend, RayQuery};
 use crate::render::{Control, Progress, Stop, Target, render_with_store};
 use crate::scene::Scene;
-use crate::scene::load::{LoadOptions, Loaded, load};
+use crate::scene::load::{Loaded, load};
 use crate::strategies::{self, OddCount, StrategyImages};
 use crate::study::converge::{Outcome, render_to_error};
 use crate::transport::World;
@@ -35,20 +35,16 @@ const MAX_STRATEGY_DEPTH: u32 = 10;
 
 pub(super) fn run(args: &RenderArgs) -> Result<u8, CliError> {
     let outputs = Outputs::new(args.output.as_deref(), &args.scene)?;
-    if let Some(threads) = args.threads {
-        rayon::ThreadPoolBuilder::new().num_threads(threads as usize).build_global()?;
-    }
+    args.threads.start()?;
     let start = Instant::now();
-    let options =
-        LoadOptions { defines: args.define.clone(), lenient: args.lenient, ..LoadOptions::default() };
-    let Loaded { mut scene, warnings, files, .. } = load(&args.scene, &options)?;
+    let Loaded { mut scene, warnings, files, .. } = load(&args.scene, &args.reading.options())?;
     if !args.quiet {
         for warning in &warnings {
             eprintln!("{warning}");
         }
     }
     args.edit(&mut scene)?;
-    let wanted = Wanted::new(args.integrator.as_ref(), &scene.integrator, args.lenient)?;
+    let wanted = Wanted::new(args.integrator.as_ref(), &scene.integrator, args.reading.lenient)?;
     let load_time = start.elapsed();
     let start = Instant::now();
     let setup = Setup { args, scene: &scene, files: &files, outputs, wanted, load_time, start };
@@ -217,7 +213,7 @@ impl Job<'_> {
     /// What must be the same for passes to be added up.
     fn identity(&self) -> Result<RenderIdentity, CliError> {
         Ok(RenderIdentity {
-            scene: fingerprint(self.files, &self.args.define)?,
+            scene: fingerprint(self.files, &self.args.reading.define)?,
             integrator: self.target.integrator.describe(),
             seed: self.target.seed,
         })

@@ -9,6 +9,7 @@ use clap::Args;
 use glam::UVec2;
 use serde_json::json;
 
+use super::common::{Reading, Threads};
 use super::progress::Bar;
 use super::render::{fingerprint, resize, stop_on_ctrl_c};
 use super::table::table;
@@ -17,9 +18,9 @@ use crate::integrators::{Integrator, PathLength};
 use crate::query::{Backend, with_query};
 use crate::render::Control;
 use crate::scene::Scene;
-use crate::scene::load::{LoadOptions, Loaded, load};
+use crate::scene::load::{Loaded, load};
 use crate::scene::requirements::Requirements;
-use crate::spec::{Spec, duration, key_value, size, spec};
+use crate::spec::{Spec, duration, size, spec};
 use crate::study::config::Config;
 use crate::study::plan::{Plan, Planner};
 use crate::study::reference::Source;
@@ -92,15 +93,10 @@ pub(super) struct StudyArgs {
     /// Film size in pixels instead of the scene's
     #[arg(long, value_name = "WIDTHxHEIGHT", value_parser = size)]
     size: Option<UVec2>,
-    /// Replace $NAME in the scene file
-    #[arg(short = 'D', value_name = "NAME=VALUE", value_parser = key_value)]
-    define: Vec<(String, String)>,
-    /// Replace what is not supported in a scene file, with a warning that says by what
-    #[arg(long)]
-    lenient: bool,
-    /// Threads [default: one per core]
-    #[arg(long, value_name = "N", value_parser = clap::value_parser!(u32).range(1..))]
-    threads: Option<u32>,
+    #[command(flatten)]
+    reading: Reading,
+    #[command(flatten)]
+    threads: Threads,
     /// Folder for results and all that is kept [default: the scene's name with .study, here]
     #[arg(short, long, value_name = "FOLDER")]
     output: Option<PathBuf>,
@@ -113,14 +109,10 @@ pub(super) struct StudyArgs {
 }
 
 pub(super) fn run(args: &StudyArgs) -> Result<u8, CliError> {
-    if let Some(threads) = args.threads {
-        rayon::ThreadPoolBuilder::new().num_threads(threads as usize).build_global()?;
-    }
+    args.threads.start()?;
     let config = args.config.as_deref().map(Config::read).transpose()?.unwrap_or_default();
     let start = Instant::now();
-    let options =
-        LoadOptions { defines: args.define.clone(), lenient: args.lenient, ..LoadOptions::default() };
-    let Loaded { mut scene, warnings, files, .. } = load(&args.scene, &options)?;
+    let Loaded { mut scene, warnings, files, .. } = load(&args.scene, &args.reading.options())?;
     for warning in &warnings {
         args.say(&warning.to_string());
     }
@@ -186,7 +178,7 @@ impl StudyArgs {
         let folder = self.output.clone().unwrap_or_else(|| PathBuf::from(format!("{stem}.study")));
         Ok(Settings {
             scene: stem.into_owned(),
-            fingerprint: fingerprint(files, &self.define)?,
+            fingerprint: fingerprint(files, &self.reading.define)?,
             load,
             length: self.length(scene)?,
             backend: backend.unwrap_or_default(),
@@ -205,7 +197,7 @@ impl StudyArgs {
             Ok(integrator) => Ok(integrator.length()),
             Err(error) => {
                 let at = settings.location.as_ref().map(|l| format!("{l}: ")).unwrap_or_default();
-                if !self.lenient {
+                if !self.reading.lenient {
                     return Err(format!("{at}{error}; --lenient takes paths of any length").into());
                 }
                 self.say(&format!("warning: {at}{error}; paths may have any length"));

@@ -7,8 +7,9 @@ mod study;
 use std::path::{Path, PathBuf};
 use std::process::{Command, Output};
 
-use exr::prelude::{ReadChannels, ReadLayers};
 use tempfile::TempDir;
+
+use crate::support::exr_channels;
 
 const SCENE: &str = concat!(env!("CARGO_MANIFEST_DIR"), "/scenes/cornell-box.xml");
 const BACKENDS: &[&str] = &[
@@ -52,16 +53,6 @@ impl Folder {
 
 /// Names and bits of all channels of a file.
 fn channels(path: &Path) -> Vec<(String, Vec<u32>)> {
-    let image = exr::prelude::read()
-        .no_deep_data()
-        .largest_resolution_level()
-        .all_channels()
-        .first_valid_layer()
-        .all_attributes()
-        .from_file(path)
-        .expect("an EXR file");
-    let list = image.layer_data.channel_data.list;
-    list.iter()
-        .map(|c| (c.name.to_string(), c.sample_data.values_as_f32().map(f32::to_bits).collect()))
-        .collect()
+    let bits = |(name, values): (String, Vec<f32>)| (name, values.into_iter().map(f32::to_bits).collect());
+    exr_channels(path).into_iter().map(bits).collect()
 }

@@ -28,3 +28,28 @@ mod photons;
 mod strategies;
 mod vpl;
 mod weights;
+
+use helmholtz::film::{AovSet, Film};
+use helmholtz::integrators::Integrator;
+use helmholtz::query::BuildQuality;
+use helmholtz::query::obvhs::ObvhsQuery;
+use helmholtz::render::{Control, Stop, Target, render};
+use helmholtz::scene::Scene;
+use helmholtz::transport::World;
+
+/// Image of two passes, and the number of photons or virtual lights stored.
+fn image_by_threads(scene: &Scene, integrator: Integrator, threads: usize) -> (Vec<f32>, u64) {
+    let query = ObvhsQuery::new(&scene.shapes, BuildQuality::Medium);
+    let world = World::new(scene);
+    let pool = rayon::ThreadPoolBuilder::new().num_threads(threads).build().expect("threads");
+    pool.install(|| {
+        let mut film =
+            Film::new(&scene.film, AovSet::default(), world.lights.radiance_unit()).expect("a film");
+        let stop = Stop { passes: 3..5, time: None };
+        let target = Target { integrator, seed: 7 };
+        let done =
+            render(&world, &query, &target, &mut film, &stop, |_| Control::Continue).expect("rendered");
+        assert!(film.dropped().is_none(), "{:?}", film.dropped());
+        (film.develop().floats("G").expect("a colour").to_vec(), done.photons)
+    })
+}

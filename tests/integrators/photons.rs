@@ -6,16 +6,14 @@
 use std::f64::consts::PI;
 
 use glam::Vec3;
-use helmholtz::film::{AovSet, Film};
 use helmholtz::integrators::photon_map::{Filter, NearestHeap, Photon, PhotonMap, Site};
 use helmholtz::integrators::{Integrator, IntegratorError};
 use helmholtz::query::RayQuery;
-use helmholtz::render::{Control, Stop, Target, render};
 use helmholtz::scene::{Emitter, Material, Rgb, Scene};
-use helmholtz::transport::World;
 
 use super::agreement::integrator;
 use super::forward::{UNDER_POINT, lit_corner, means, mirror, point_over_floor};
+use super::image_by_threads;
 use crate::backends::{BackendTest, on_first_backend};
 use crate::scene_builder::{Build, checkered, diffuse, empty, quad, sphere};
 use crate::statistics::Random;
@@ -312,20 +310,7 @@ fn light_does_not_leak() {
 }
 
 fn photon_image(scene: &Scene, parameters: (&str, &str), threads: usize) -> (Vec<f32>, u64) {
-    let query =
-        helmholtz::query::obvhs::ObvhsQuery::new(&scene.shapes, helmholtz::query::BuildQuality::Medium);
-    let world = World::new(scene);
-    let pool = rayon::ThreadPoolBuilder::new().num_threads(threads).build().expect("threads");
-    pool.install(|| {
-        let mut film =
-            Film::new(&scene.film, AovSet::default(), world.lights.radiance_unit()).expect("a film");
-        let stop = Stop { passes: 3..5, time: None };
-        let target = Target { integrator: integrator(parameters.0, parameters.1), seed: 7 };
-        let done =
-            render(&world, &query, &target, &mut film, &stop, |_| Control::Continue).expect("rendered");
-        assert!(film.dropped().is_none(), "{:?}", film.dropped());
-        (film.develop().floats("G").expect("a colour").to_vec(), done.photons)
-    })
+    image_by_threads(scene, integrator(parameters.0, parameters.1), threads)
 }
 
 fn assert_black(scene: &Scene, parameters: &str) {

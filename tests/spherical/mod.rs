@@ -79,6 +79,12 @@ fn grid(n: u32) -> impl Iterator<Item = Vec2> {
     (0..n * n).map(move |i| (vec2((i % n) as f32, (i / n) as f32) + 0.5) / n as f32)
 }
 
+/// Directions that are uniform over a solid angle give a receiver with that normal the irradiance of a polygon.
+fn assert_form_factor(sample: impl Fn(Vec2) -> DVec3, solid_angle: f32, corners: &[DVec3], normal: DVec3) {
+    let mean = grid(256).map(|u| sample(u).normalize().dot(normal)).sum::<f64>() / 65536.0;
+    assert_close(mean as f32 * solid_angle, lambert_irradiance(corners, normal), 1e-4, "irradiance");
+}
+
 /// Corners of the unit square, and points just inside it.
 fn rim() -> impl Iterator<Item = Vec2> {
     let values = [0.0, f32::MIN_POSITIVE, 1e-7, 0.5, ONE_MINUS_EPSILON];

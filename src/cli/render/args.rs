@@ -7,11 +7,12 @@ use std::time::Duration;
 use clap::Args;
 use glam::UVec2;
 
+use super::super::common::{Reading, Threads};
 use super::super::{CliError, parse};
 use crate::film::Aov;
 use crate::query::Backend;
 use crate::scene::{PixelRect, Scene};
-use crate::spec::{Spec, duration, key_value, size, spec};
+use crate::spec::{Spec, duration, size, spec};
 
 /// Render a scene or a mesh to OpenEXR and PNG
 ///
@@ -58,9 +59,8 @@ pub(in crate::cli) struct RenderArgs {
     /// Seed of the random numbers: images with different seeds are independent
     #[arg(long, default_value_t = 0)]
     pub(super) seed: u64,
-    /// Threads [default: one per core]; does not change the image
-    #[arg(long, value_name = "N", value_parser = clap::value_parser!(u32).range(1..))]
-    pub(super) threads: Option<u32>,
+    #[command(flatten)]
+    pub(super) threads: Threads,
     /// Film size in pixels instead of the scene's; a crop window of the scene is dropped
     #[arg(long, value_name = "WIDTHxHEIGHT", value_parser = size)]
     pub(super) size: Option<UVec2>,
@@ -79,12 +79,8 @@ pub(in crate::cli) struct RenderArgs {
     /// direct=nee|vpl, roughness, samples=all|N)
     #[arg(long, value_name = "NAME:KEY=VALUE,...", value_parser = spec)]
     pub(super) integrator: Option<Spec>,
-    /// Replace $NAME in the scene file
-    #[arg(short = 'D', value_name = "NAME=VALUE", value_parser = key_value)]
-    pub(super) define: Vec<(String, String)>,
-    /// Replace what is not supported in a scene file, with a warning that says by what
-    #[arg(long)]
-    pub(super) lenient: bool,
+    #[command(flatten)]
+    pub(super) reading: Reading,
     /// More layers for the EXR: depth, position, geometric_normal, shading_normal, albedo, uv, shape_id, primitive_id, sample_count, variance
     #[arg(long, value_name = "NAME,...", value_delimiter = ',', value_parser = aov)]
     pub(super) aov: Vec<Aov>,

@@ -176,7 +176,7 @@ impl Report<'_> {
 fn reproduction(args: &RenderArgs) -> String {
     let mut command = format!("helmholtz render {}", args.scene.display());
     // Writing to a String cannot fail.
-    for (name, value) in &args.define {
+    for (name, value) in &args.reading.define {
         let _ = write!(command, " -D {name}={value}");
     }
     if let Some(size) = args.size {
@@ -185,7 +185,7 @@ fn reproduction(args: &RenderArgs) -> String {
     if let Some(backend) = &args.backend {
         let _ = write!(command, " --backend {backend}");
     }
-    if args.lenient {
+    if args.reading.lenient {
         command.push_str(" --lenient");
     }
     command

@@ -12,6 +12,7 @@ use helmholtz::transport::bsdf::TransportMode;
 use helmholtz::transport::vertex::SurfaceVertex;
 
 use super::super::forward::lit_corner;
+use super::super::image_by_threads;
 use super::super::photons::caustic;
 use super::{mean_of, obvhs, parse, plates};
 use crate::scene_builder::{Build, diffuse, empty, quad, sphere};
@@ -198,19 +199,7 @@ fn placing_and_connecting_are_adjoint() {
 
 /// Image and number of lights stored.
 fn image(scene: &Scene, text: &str, threads: usize) -> (Vec<f32>, u64) {
-    let query = obvhs(scene);
-    let world = World::new(scene);
-    let pool = rayon::ThreadPoolBuilder::new().num_threads(threads).build().expect("threads");
-    pool.install(|| {
-        let mut film =
-            Film::new(&scene.film, AovSet::default(), world.lights.radiance_unit()).expect("a film");
-        let stop = Stop { passes: 3..5, time: None };
-        let target = Target { integrator: parse(text), seed: 7 };
-        let done =
-            render(&world, &query, &target, &mut film, &stop, |_| Control::Continue).expect("rendered");
-        assert!(film.dropped().is_none(), "{:?}", film.dropped());
-        (film.develop().floats("G").expect("a colour").to_vec(), done.photons)
-    })
+    image_by_threads(scene, parse(text), threads)
 }
 
 /// The same to the last bit for any number of threads.
