@@ -14,7 +14,7 @@ use crate::selftest::{Bench, Effort, Finding, Group, run as run_group};
 /// and squeezed, with radiance over 40 decades. Prints what was measured and what it may be at most. Takes about a minute; exits with code 4 if a check fails.
 #[derive(Debug, Args)]
 pub(super) struct SelftestArgs {
-    /// A hundred times as many rays and more samples: takes an hour
+    /// A hundred times as many rays and more samples: takes half an hour on two cores
     #[arg(long)]
     full: bool,
     /// Print as JSON

@@ -4,6 +4,8 @@
 //! (`sppm:mode=caustic`) where some are that `path` cannot find or finds by luck. Each is tried in a [`Pilot`], and those that come close to each other in one of
 //! as many passes as a render has. The choice is a function of the scene and the film's size, and of nothing that depends on the machine.
 
+use glam::UVec2;
+
 use crate::integrators::backward::Backward;
 use crate::integrators::bidirectional::Bidirectional;
 use crate::integrators::photon_map::PhotonMapper;
@@ -114,25 +116,35 @@ fn choose_among<Q: RayQuery>(
         let pilot = Pilot::run(&world, query, integrator, size, passes)?;
         tried.push(Candidate { integrator, name, pilot, cost });
     }
-    let errors_of = |tried: &[Candidate]| -> Vec<f64> {
-        (0..tried.len()).map(|i| expected_error(tried, i, film_pixels)).collect()
-    };
-    let mut errors = errors_of(&tried);
-    let least = errors.iter().copied().fold(f64::INFINITY, f64::min);
-    let is_close = |error: &&f64| **error <= CLOSE * least;
-    if errors.iter().filter(is_close).count() > 1 {
-        for (candidate, _) in tried.iter_mut().zip(&errors).filter(|(_, error)| is_close(error)) {
-            let Candidate { integrator, pilot, cost, .. } = candidate;
-            let passes = (BUDGET / (pilot.rays * *cost)).min(MAX_PASSES) as u32;
-            if passes > PASSES && !matches!(integrator, Integrator::PhotonMap(_)) {
-                *pilot = Pilot::run(&world, query, *integrator, size, passes)?;
-            }
-        }
-        errors = errors_of(&tried);
+    let mut errors = expected_errors(&tried, film_pixels);
+    if try_close_ones_again(&mut tried, &errors, &world, query, size)? {
+        errors = expected_errors(&tried, film_pixels);
     }
     let best = (0..tried.len()).min_by(|&a, &b| errors[a].total_cmp(&errors[b])).unwrap_or(0);
     let why = explain(&tried, &errors, best, &classes, &needs);
     Ok(Choice { integrator: tried[best].integrator, why })
+}
+
+/// Gives candidates that are close to the best a pilot of as many passes as the budget pays for. Whether there were any.
+fn try_close_ones_again<Q: RayQuery>(
+    tried: &mut [Candidate],
+    errors: &[f64],
+    world: &World,
+    query: &Q,
+    size: UVec2,
+) -> Result<bool, TooManyStored> {
+    let least = errors.iter().copied().fold(f64::INFINITY, f64::min);
+    let is_close = |error: f64| error <= CLOSE * least;
+    if errors.iter().filter(|error| is_close(**error)).count() < 2 {
+        return Ok(false);
+    }
+    for (Candidate { integrator, pilot, cost, .. }, error) in tried.iter_mut().zip(errors) {
+        let passes = (BUDGET / (pilot.rays * *cost)).min(MAX_PASSES) as u32;
+        if is_close(*error) && passes > PASSES && !matches!(integrator, Integrator::PhotonMap(_)) {
+            *pilot = Pilot::run(world, query, *integrator, size, passes)?;
+        }
+    }
+    Ok(true)
 }
 
 /// Integrators with their names and what their rays cost, `path` first. No photons where paths may be longer than they can tell.
@@ -143,6 +155,11 @@ fn candidates(length: PathLength) -> Vec<(&'static str, Integrator, f64)> {
     let photons = PhotonMapper::caustics(length).ok();
     all.extend(photons.map(|mapper| ("sppm:mode=caustic", Integrator::PhotonMap(mapper), PHOTON_COST)));
     all
+}
+
+/// relMSE of each after the budget.
+fn expected_errors(tried: &[Candidate], film_pixels: f64) -> Vec<f64> {
+    (0..tried.len()).map(|i| expected_error(tried, i, film_pixels)).collect()
 }
 
 /// relMSE after the budget, about: noise, blur, and what is missing altogether.

@@ -68,6 +68,9 @@ fn strategies_are_written_as_layers_and_sheets() {
     assert!(folder.path("pyramid/weighted.png").exists() && folder.path("pyramid/unweighted.png").exists());
     let text = folder.fail(&["render", SCENE, "--integrator", "bdpt", "--strategies", "pyramid"], 1);
     assert!(text.contains("max_depth"), "{text}");
+    // There are no statistics to print.
+    let text = folder.fail(&["render", SCENE, "--strategies", "pyramid", "--json"], 2);
+    assert!(text.contains("cannot be used with"), "{text}");
 }
 
 /// Renders of two seeds differ by what their noise allows; exit codes, JSON and the heat map.

@@ -107,7 +107,7 @@ pub(in crate::cli) struct RenderArgs {
     #[arg(long)]
     pub(super) quiet: bool,
     /// Print statistics as JSON on standard output
-    #[arg(long)]
+    #[arg(long, conflicts_with_all = ["strategies", "debug_pixel"])]
     pub(super) json: bool,
 }
 
