@@ -346,12 +346,12 @@ fn rows_are_quoted() {
     let folder = tempfile::tempdir().expect("a folder");
     report::write(folder.path(), &small_study(), &pictures()).expect("written");
     let text = fs::read_to_string(folder.path().join("report.csv")).expect("a file");
-    let first = "power,\"power:max_depth=8,rr_depth=5\",obvhs,,,0,1.0,1.0,1,1000000,0.31,0.31,0.155,0.125,0.5,0.25,1048576\n";
-    assert!(text.starts_with("configuration,integrator,backend,bias,failure,seed,budget,seconds,passes,rays,mse,rel_mse,rel_mse_trimmed,flip,build,first_image,query_bytes\n"), "{text}");
+    let first = "power,\"power:max_depth=8,rr_depth=5\",obvhs,,,,0,1.0,1.0,1,1000000,0.31,0.31,0.155,0.125,0.5,0.25,1048576\n";
+    assert!(text.starts_with("configuration,integrator,backend,sampling_columns,bias,failure,seed,budget,seconds,passes,rays,mse,rel_mse,rel_mse_trimmed,flip,build,first_image,query_bytes\n"), "{text}");
     assert!(text.contains(first), "{text}");
     assert!(text.contains("\n\"a, \"\"b\"\" <script>&amp; 'c'\u{1}\nd\",\"power:"), "{text}");
     assert!(
-        text.ends_with("vpl,\"vpl:max_depth=8,rr_depth=5\",obvhs,,too many <i>photons</i>,,,,,,,,,,,,\n"),
+        text.ends_with("vpl,\"vpl:max_depth=8,rr_depth=5\",obvhs,,,too many <i>photons</i>,,,,,,,,,,,,\n"),
         "{text}"
     );
     assert_eq!(text.matches(",obvhs,").count(), 3 * 3 + 3 * 3 + 1);
