@@ -78,8 +78,8 @@ impl EnvironmentMap {
             .then_some(Self { image, scale, to_world, sampling_columns: size.x })
     }
 
-    /// Has directions drawn by the luminance of a map of so many columns, from 2 on, and as many rows as go with them: a coarser one takes less memory and is drawn from
-    /// faster, but follows small bright lights less closely. The image that a render converges to stays. More columns than the map has are as good as those.
+    /// Has directions drawn by the luminance of a map of so many columns, from 2 on, and as many rows as go with them: a coarser one takes less memory, but follows small
+    /// bright lights less closely. The image that a render converges to stays. More columns than the map has are as good as those.
     #[must_use]
     pub fn with_sampling_columns(mut self, columns: u32) -> Self {
         self.sampling_columns = columns.clamp(2, self.size().x);
