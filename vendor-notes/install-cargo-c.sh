@@ -33,8 +33,8 @@ else
     say "downloading Debian $release's cargo-c and what it needs"
     apt-get -q -c "$directory/apt/apt.conf" install --download-only -y --no-install-recommends cargo-c >/dev/null
     for package in "$directory"/apt/archives/*.deb; do dpkg -x "$package" "$directory/root"; done
-    # Nobody comes here but on amd64 (above), so the folder and the loader are called so.
-    libraries=$directory/root/usr/lib/x86_64-linux-gnu
+    # Beside the C library are the others and their loader, which on amd64 (above) is called so.
+    libraries=$(dirname "$(find "$directory/root" -name libc.so.6 -print -quit)")
     printf '#!/bin/sh\nexec "%s/ld-linux-x86-64.so.2" --library-path "%s" "%s/usr/bin/cargo-capi" capi "$@"\n' \
         "$libraries" "$libraries" "$directory/root" >"$directory/cargo-c"
 fi

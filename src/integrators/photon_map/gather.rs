@@ -1,13 +1,13 @@
 //! Phase 2: paths from the camera, and the radiance that photons make where they end.
 
+use glam::Vec2;
+
 use super::super::pass::{Pass, Scratch};
 use super::super::{Backward, Caustics, PathObserver};
 use super::map::Site;
 use super::photon::Photon;
 use super::trace::{Disc, Photons};
 use super::{Direct, Mode, PhotonMapper};
-use glam::Vec2;
-
 use crate::query::{Ray, RayQuery};
 use crate::sampling::Sampler;
 use crate::scene::Rgb;
