@@ -197,8 +197,19 @@ impl Store {
 
     /// The folder of a cell. Its name says what a person looks for; the checksum tells the rest apart.
     fn cell(&self, identity: &Identity) -> PathBuf {
-        let Identity { scene, integrator, backend, sampling_columns, seed, budgets, .. } = identity;
-        let Identity { size, threads, reference, version, .. } = identity;
+        // All fields by name, so that none that is added is forgotten.
+        let Identity {
+            scene,
+            integrator,
+            backend,
+            sampling_columns,
+            seed,
+            budgets,
+            size,
+            threads,
+            reference,
+            version,
+        } = identity;
         let all = format!(
             "{scene} {integrator} {backend} {sampling_columns:?} {budgets:?} {size:?} {threads} {reference} {version}"
         );

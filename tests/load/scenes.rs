@@ -110,17 +110,22 @@ fn parameters_aliases_includes_and_paths_resolve() {
     assert!(folder.load("scene.xml", &define("q", "1")).unwrap_err().contains("the scene does not use $q"));
 }
 
+/// 4x4 pixels.
+fn grey_png() -> Vec<u8> {
+    let mut png = std::io::Cursor::new(Vec::new());
+    let grey = image::RgbImage::from_pixel(4, 4, image::Rgb([90, 90, 90]));
+    grey.write_to(&mut png, image::ImageFormat::Png).unwrap();
+    png.into_inner()
+}
+
 #[test]
 fn every_plugin_builds_with_its_defaults() {
     let folder = Folder::new();
     folder.write("a.obj", CORNER_OBJ);
     folder.write("a.ply", TRIANGLE_PLY);
     folder.write("a.serialized", crate::serialized::file(4, &[crate::serialized::triangle(4)]));
-    let grey = image::RgbImage::from_pixel(4, 4, image::Rgb([90, 90, 90]));
     for name in ["a.bitmap", "a.envmap"] {
-        let mut png = std::io::Cursor::new(Vec::new());
-        grey.write_to(&mut png, image::ImageFormat::Png).unwrap();
-        folder.write(name, png.into_inner());
+        folder.write(name, grey_png());
     }
     // `spectra_may_be_objects` has the spectra, which are parameters of others.
     let is_object = |category: &mitsuba::Category| *category != mitsuba::Category::Spectrum;
@@ -183,10 +188,7 @@ fn every_plugin_builds_with_its_defaults() {
 #[test]
 fn environments_say_how_they_are_sampled() {
     let folder = Folder::new();
-    let grey = image::RgbImage::from_pixel(4, 3, image::Rgb([90, 90, 90]));
-    let mut png = std::io::Cursor::new(Vec::new());
-    grey.write_to(&mut png, image::ImageFormat::Png).unwrap();
-    folder.write("sky.png", png.into_inner());
+    folder.write("sky.png", grey_png());
     let columns = |parameter: &str| {
         let sky = "<string name='filename' value='sky.png'/>";
         let body = format!("<emitter type='envmap'>{sky}{parameter}</emitter>");
